@@ -1,0 +1,1 @@
+"""Vector map to bytes and back."""

@@ -1,0 +1,1 @@
+"""Streams, replicas and sync decisions: no I/O, no thread, no clock."""

@@ -1,0 +1,1 @@
+"""The fold: from all replicas to the merged map."""

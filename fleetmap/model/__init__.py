@@ -1,0 +1,1 @@
+"""The vocabulary: poses, grids, vector maps, merged maps, metrics, errors."""

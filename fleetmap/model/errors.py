@@ -1,0 +1,69 @@
+"""Every error that fleetmap raises: one base class, leaves that carry their data as attributes.
+
+FleetmapError
+├── MapFormatError   a map file, or an array handed in as a map, is not what it claims to be
+├── WireError        bytes from another robot, or from an .fmap file, were refused
+├── LinkError        the transport could not be opened, or failed for good
+│   └── NameInUse    another living peer of the fleet has this robot's name
+├── ConfigError      an option has an impossible value
+└── NoPath           a planner has no path; ``status`` says why
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class FleetmapError(Exception):
+    """Base class of every error that fleetmap raises on purpose."""
+
+
+class MapFormatError(FleetmapError, ValueError):
+    """A map file or array is malformed: ``path`` and ``field`` say where, ``reason`` what was expected."""
+
+    def __init__(self, *, path: str | Path, field: str, reason: str) -> None:
+        self.path, self.field, self.reason = str(path), field, reason
+        super().__init__(f"{path}: {field}: {reason}")
+
+
+class WireError(FleetmapError, ValueError):
+    """A message was refused; nothing of it was applied."""
+
+    def __init__(self, *, robot: str, size_bytes: int, reason: str) -> None:
+        self.robot, self.size_bytes, self.reason = robot, size_bytes, reason
+        super().__init__(f"{robot}: message of {size_bytes} B refused: {reason}")
+
+
+class LinkError(FleetmapError):
+    """The transport could not be opened or has failed; ``endpoint`` says which one."""
+
+    def __init__(self, *, endpoint: str, reason: str) -> None:
+        self.endpoint, self.reason = endpoint, reason
+        super().__init__(f"{endpoint}: {reason}")
+
+
+class NameInUse(LinkError):
+    """A living peer of this fleet already has this robot's name."""
+
+    def __init__(self, *, robot: str, fleet: str) -> None:
+        self.robot, self.fleet = robot, fleet
+        super().__init__(
+            endpoint=fleet,
+            reason=f"a living peer is already called {robot!r}: give this one another name, or stop the other",
+        )
+
+
+class ConfigError(FleetmapError, ValueError):
+    """An option has an impossible value."""
+
+    def __init__(self, *, option: str, value: object, reason: str) -> None:
+        self.option, self.value, self.reason = option, value, reason
+        super().__init__(f"{option}={value!r}: {reason}")
+
+
+class NoPath(FleetmapError):
+    """No path: ``status`` is ``start_blocked``, ``goal_blocked``, ``unreachable`` or ``outside``."""
+
+    def __init__(self, *, status: str, reason: str) -> None:
+        self.status, self.reason = status, reason
+        super().__init__(f"{status}: {reason}")

@@ -1,0 +1,104 @@
+"""``MergedMap``: what all replicas of a component say together, as an arrangement on the fleet lattice."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.model.errors import MapFormatError
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.pose import Pose2
+
+FLEET_UM = 5_000
+"""One step of the fleet lattice: 5 mm."""
+
+Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)
+"""Columns of ``MergedMap.edges``."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedMap:
+    """An arrangement: edges that meet only at vertices, each with the states of its two sides.
+
+    Parameters
+    ----------
+    edges : (n, 8) int32 rows (y0, x0, y1, x1, left, right, obstacle, thickness) in steps of the fleet
+        lattice (``FLEET_UM``), ascending, (y0, x0) < (y1, x1). ``left`` and ``right`` are FREE, OCCUPIED or
+        UNKNOWN, seen from (y0, x0); ``obstacle`` is 1 for a wall. Equal sides are allowed on a wall that
+        was seen from both sides. ``thickness``, also in lattice steps, is how deep the wall is known to be
+        on its sides that are not free.
+    resolution_um : the cell size of the finest source, for ``to_grid``'s default
+    tolerance : how far a source obstacle may be from the merged one that stands for it, in lattice steps
+    """
+
+    edges: NDArray[np.int32]
+    resolution_um: int = 50_000
+    tolerance: int = 0
+    digest: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        rows = np.ascontiguousarray(self.edges, np.int32)
+        if rows.ndim != 2 or rows.shape[1] != 8:
+            raise MapFormatError(path="<array>", field="edges", reason=f"expected (n, 8); found {rows.shape}")
+        object.__setattr__(self, "edges", rows)
+        object.__setattr__(self, "digest", hashlib.sha256(self.to_bytes()).hexdigest()[:16])
+
+    def __len__(self) -> int:
+        return len(self.edges)
+
+    def to_bytes(self) -> bytes:
+        """The canonical bytes that law 0 speaks of: header and edges, little-endian int32."""
+        header = np.array([self.resolution_um, self.tolerance, len(self.edges)], "<i4")
+        return header.tobytes() + self.edges.astype("<i4").tobytes()
+
+    @property
+    def obstacle(self) -> NDArray[np.bool_]:
+        """(n,) which edges are walls."""
+        return self.edges[:, OBSTACLE] == 1
+
+    @property
+    def frontier(self) -> NDArray[np.bool_]:
+        """(n,) which edges have free space on one side and unknown on the other, and are no wall."""
+        sides = self.edges[:, LEFT : RIGHT + 1]
+        return (self.edges[:, OBSTACLE] == 0) & (sides == FREE).any(axis=1) & (sides == UNKNOWN).any(axis=1)
+
+    @property
+    def segments_xy(self) -> NDArray[np.float64]:
+        """(n, 2, 2) metres: endpoints (x, y) of the edges in the component's frame."""
+        return self.edges[:, [X0, Y0, X1, Y1]].reshape(-1, 2, 2) * (FLEET_UM * 1e-6)
+
+    def bounds_m(self) -> tuple[float, float, float, float]:
+        """(x_min, y_min, x_max, y_max) in metres; all 0 for an empty map."""
+        if len(self) == 0:
+            return (0.0, 0.0, 0.0, 0.0)
+        points = self.segments_xy.reshape(-1, 2)
+        low, high = points.min(axis=0), points.max(axis=0)
+        return (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    def to_grid(self, resolution_m: float | None = None) -> OccupancyGrid:
+        """The map as cells, for a costmap: blocked, free and unknown as the merging laws define them.
+
+        Cell corners lie on whole multiples of ``resolution_m`` (default: the finest source's), so that grids
+        of two revisions can be compared cell by cell.
+
+        Raises
+        ------
+        MapFormatError : the resolution is not a positive whole number of fleet lattice steps, or the grid too large
+        """
+        from fleetmap.model.raster import merged_states
+
+        step = round((resolution_m * 1e6 if resolution_m else self.resolution_um) / FLEET_UM)
+        if step < 1:
+            raise MapFormatError(
+                path="<merged map>", field="resolution_m", reason=f"expected at least {FLEET_UM * 1e-6} m"
+            )
+        states, low_yx = merged_states(self.edges, step)
+        cell_m = step * FLEET_UM * 1e-6
+        return OccupancyGrid.from_states(states, cell_m, Pose2(low_yx[1] * cell_m, low_yx[0] * cell_m))
+
+
+__all__ = ["FLEET_UM", "FREE", "OCCUPIED", "UNKNOWN", "MergedMap"]

@@ -1,0 +1,111 @@
+"""Rigid transforms of the plane: ``Pose2`` in metres for people, ``FixedPose`` in integers for the fleet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fleetmap.model.errors import ConfigError
+
+Q30 = 1 << 30
+MAX_UM = 1 << 40
+"""Largest offset of a ``FixedPose`` along one axis, micrometres (about 1100 km)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2:
+    """A pose, or the transform ``T_a_b`` that maps coordinates of frame b into frame a.
+
+    Metres and radians, right-handed, yaw counter-clockwise from x (REP-103).
+
+    >>> Pose2(1.0, 0.0, math.pi / 2).apply([[2.0, 0.0]]).round(6).tolist()
+    [[1.0, 2.0]]
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (self.x_m, self.y_m, self.yaw_rad)):
+            raise ConfigError(option="pose", value=(self.x_m, self.y_m, self.yaw_rad), reason="must be finite")
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """``T_a_c = T_a_b @ T_b_c``."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return Pose2(
+            self.x_m + c * other.x_m - s * other.y_m,
+            self.y_m + s * other.x_m + c * other.y_m,
+            wrap(self.yaw_rad + other.yaw_rad),
+        )
+
+    def inverse(self) -> Pose2:
+        """``T_b_a`` of this ``T_a_b``."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return Pose2(-c * self.x_m - s * self.y_m, s * self.x_m - c * self.y_m, wrap(-self.yaw_rad))
+
+    def apply(self, points_xy: ArrayLike) -> NDArray[np.float64]:
+        """Map points, (..., 2) metres, through this transform."""
+        p = np.asarray(points_xy, np.float64)
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        out = np.empty_like(p)
+        out[..., 0] = self.x_m + c * p[..., 0] - s * p[..., 1]
+        out[..., 1] = self.y_m + s * p[..., 0] + c * p[..., 1]
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class FixedPose:
+    """A transform in whole micrometres and a Q30 rotation: computed once by its author, then only read.
+
+    Every peer applies it with integers alone, so that no libm can make two peers disagree.
+    """
+
+    x_um: int = 0
+    y_um: int = 0
+    cos_q30: int = Q30
+    sin_q30: int = 0
+
+    def __post_init__(self) -> None:
+        if max(abs(self.x_um), abs(self.y_um)) > MAX_UM:
+            raise ConfigError(option="pose", value=(self.x_um, self.y_um), reason=f"at most {MAX_UM} um from 0")
+        # A rotation that is off by more than rounding would scale the map.
+        if abs(self.cos_q30**2 + self.sin_q30**2 - Q30**2) > Q30 << 3:
+            raise ConfigError(option="pose", value=(self.cos_q30, self.sin_q30), reason="no rotation in Q30")
+
+    @classmethod
+    def from_pose(cls, pose: Pose2) -> FixedPose:
+        """Round a pose to micrometres and Q30."""
+        return cls(
+            round(pose.x_m * 1e6),
+            round(pose.y_m * 1e6),
+            round(math.cos(pose.yaw_rad) * Q30),
+            round(math.sin(pose.yaw_rad) * Q30),
+        )
+
+    def to_pose(self) -> Pose2:
+        """The same transform in metres and radians."""
+        return Pose2(self.x_um * 1e-6, self.y_um * 1e-6, math.atan2(self.sin_q30, self.cos_q30))
+
+    def __matmul__(self, other: FixedPose) -> FixedPose:
+        """Compose in Python integers; each component is rounded half up once."""
+        c, s = self.cos_q30, self.sin_q30
+        return FixedPose(
+            self.x_um + shift_round(c * other.x_um - s * other.y_um, 30),
+            self.y_um + shift_round(s * other.x_um + c * other.y_um, 30),
+            shift_round(c * other.cos_q30 - s * other.sin_q30, 30),
+            shift_round(s * other.cos_q30 + c * other.sin_q30, 30),
+        )
+
+
+def shift_round(value: int, bits: int) -> int:
+    """``value / 2**bits`` rounded half up, exactly."""
+    return (value + (1 << (bits - 1))) >> bits
+
+
+def wrap(yaw_rad: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return math.pi - (math.pi - yaw_rad) % (2 * math.pi)

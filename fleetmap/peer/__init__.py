@@ -1,0 +1,1 @@
+"""``join()``, ``Peer`` and the links: the only room that knows Zenoh."""

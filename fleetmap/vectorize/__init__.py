@@ -1,0 +1,1 @@
+"""Grid to vector map and back."""
