@@ -7,6 +7,8 @@ FleetmapError
 │   └── NameInUse    another living peer of the fleet has this robot's name
 ├── ConfigError      an option has an impossible value
 └── NoPath           a planner has no path; ``status`` says why
+
+MapWarning           a map file is legal, but says something that its author hardly meant
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ class MapFormatError(FleetmapError, ValueError):
     def __init__(self, *, path: str | Path, field: str, reason: str) -> None:
         self.path, self.field, self.reason = str(path), field, reason
         super().__init__(f"{path}: {field}: {reason}")
+
+
+class MapWarning(UserWarning):
+    """A map file is legal, but read by the letter it says something that its author hardly meant."""
 
 
 class WireError(FleetmapError, ValueError):

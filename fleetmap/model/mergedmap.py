@@ -58,18 +58,20 @@ class MergedMap:
     @property
     def obstacle(self) -> NDArray[np.bool_]:
         """(n,) which edges are walls."""
-        return self.edges[:, OBSTACLE] == 1
+        return np.equal(self.edges[:, OBSTACLE], 1)
 
     @property
     def frontier(self) -> NDArray[np.bool_]:
         """(n,) which edges have free space on one side and unknown on the other, and are no wall."""
-        sides = self.edges[:, LEFT : RIGHT + 1]
-        return (self.edges[:, OBSTACLE] == 0) & (sides == FREE).any(axis=1) & (sides == UNKNOWN).any(axis=1)
+        left, right = self.edges[:, LEFT], self.edges[:, RIGHT]
+        states = np.minimum(left, right), np.maximum(left, right)
+        return np.equal(states[0], FREE) & np.equal(states[1], UNKNOWN) & ~self.obstacle
 
     @property
     def segments_xy(self) -> NDArray[np.float64]:
         """(n, 2, 2) metres: endpoints (x, y) of the edges in the component's frame."""
-        return self.edges[:, [X0, Y0, X1, Y1]].reshape(-1, 2, 2) * (FLEET_UM * 1e-6)
+        points = self.edges[:, [X0, Y0, X1, Y1]].reshape(-1, 2, 2).astype(np.float64)
+        return points * (FLEET_UM * 1e-6)
 
     def bounds_m(self) -> tuple[float, float, float, float]:
         """(x_min, y_min, x_max, y_max) in metres; all 0 for an empty map."""

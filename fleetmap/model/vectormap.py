@@ -68,13 +68,9 @@ class VectorMap:
         object.__setattr__(self, "digest", self._digest())
 
     @classmethod
-    def empty(
-        cls, lattice: Lattice, *, epsilon_cells: float = EPSILON_CELLS, profile: str = "share"
-    ) -> VectorMap:
+    def empty(cls, lattice: Lattice, *, epsilon_cells: float = EPSILON_CELLS, profile: str = "share") -> VectorMap:
         """A map without edges: what a snapshot is a delta from."""
-        return cls(
-            lattice, np.zeros((0, 5), np.int32), np.zeros(0, np.uint8), epsilon_cells, profile
-        )
+        return cls(lattice, np.zeros((0, 5), np.int32), np.zeros(0, np.uint8), epsilon_cells, profile)
 
     def __len__(self) -> int:
         return len(self.edges)
@@ -93,6 +89,10 @@ class VectorMap:
     def segments_xy(self) -> NDArray[np.float64]:
         """(n, 2, 2) metres: endpoints (x, y) of the edges in the submap's frame."""
         return self.lattice.to_metres(self.edges[:, :4].reshape(-1, 2, 2))
+
+    def count_vertices(self) -> int:
+        """How many different endpoints the edges have: |V|."""
+        return len(np.unique(self.edges[:, :4].reshape(-1, 2), axis=0))
 
     def arcs(self) -> Arcs:
         """Maximal chains of one label between vertices of degree other than 2 (see ``model.arcs``)."""

@@ -1,0 +1,94 @@
+"""``fleetmap``: the commands, and what each way to fail looks like from outside.
+
+Exit codes: 0 ok, 1 ran but failed, 2 usage, 130 interrupted. With ``--json`` stdout holds exactly one JSON
+document, also for errors.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from fleetmap.cli.compare import compare
+from fleetmap.cli.output import print_json, stderr
+from fleetmap.cli.rasterize import rasterize
+from fleetmap.cli.sim import sim
+from fleetmap.cli.stats import stats
+from fleetmap.cli.vectorize import vectorize
+from fleetmap.cli.warmup import warmup
+from fleetmap.model.errors import ConfigError, FleetmapError
+from fleetmap.version import __version__
+
+app = typer.Typer(
+    help="Robots of a fleet share vector maps peer to peer, and all hold the same merged map.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (sim, stats, vectorize, rasterize, compare, warmup):
+    app.command()(command)
+
+# typer keeps its exceptions in a copy of click of its own: reach them through the public name it exports.
+_UsageError = typer.BadParameter.__mro__[1]
+
+
+@app.callback(invoke_without_command=True)
+def top(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.", is_eager=True)] = False,
+) -> None:
+    """Robots of a fleet share vector maps peer to peer, and all hold the same merged map."""
+    if version:
+        typer.echo(f"fleetmap {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command and return its exit code."""
+    as_json = "--json" in arguments
+    try:
+        result = app(arguments, prog_name="fleetmap", standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except ConfigError as error:
+        return _fail(error, 2, as_json)
+    except FleetmapError as error:
+        return _fail(error, 1, as_json)
+    except OSError as error:
+        return _fail(error, 1, as_json)
+    except (KeyboardInterrupt, typer.Abort) as error:
+        return _fail(error, 130, as_json)
+    except Exception as error:
+        if not isinstance(error, _UsageError):
+            raise
+        return _fail(error, 2, as_json)
+
+
+def _fail(error: BaseException, code: int, as_json: bool) -> int:
+    if code == 130:
+        kind, message = "Interrupted", "interrupted"
+    else:
+        kind = type(error).__name__
+        formatter = getattr(error, "format_message", None)
+        message = formatter() if formatter else str(error)
+    if as_json:
+        print_json({"error": {"type": kind, "message": message, "exit_code": code}})
+    elif code == 2 and not message:
+        return code  # help was asked for, and has been printed
+    else:
+        stderr.print(f"[bold red]error:[/] {_escape(message)}", highlight=False, soft_wrap=True)
+        if code == 2:
+            stderr.print("Try a command with --help.", highlight=False)
+    return code
+
+
+def _escape(message: str) -> str:
+    from rich.markup import escape
+
+    return escape(message)

@@ -1,0 +1,220 @@
+"""Map files of ROS: a YAML header and a grey image, read as map_server of Nav2 reads them.
+
+The image has the *top* row first, the grid the lowest y: rows are flipped both ways.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.model.errors import ConfigError, MapFormatError, MapWarning
+from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
+from fleetmap.model.map_image import Brightness, read_brightness
+from fleetmap.model.pose import Pose2
+
+GREY_OCCUPIED, GREY_FREE, GREY_UNKNOWN = 0, 254, 205
+"""The greys that map_saver writes in trinary mode."""
+
+RAW_UNKNOWN = 255
+"""What stands for unknown in mode ``raw``, where any other grey up to 100 is the value itself."""
+
+MAX_YAML_BYTES = 1 << 16
+MODES = ("trinary", "scale", "raw")
+
+
+@dataclass(frozen=True, slots=True)
+class MapHeader:
+    """What the YAML file says."""
+
+    image: Path
+    resolution_m: float
+    origin: Pose2
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def load_map(yaml_path: str | os.PathLike[str]) -> OccupancyGrid:
+    """Read a map_server map.
+
+    The resolution stays the number in the file, and the origin may have a yaw. Warns with ``MapWarning``
+    where map_server's rule makes free space of grey 205, its own mark for unknown.
+
+    Raises
+    ------
+    MapFormatError : names the file and the field; raised before memory is taken for the cells
+    """
+    header = read_header(Path(yaml_path))
+    image = read_brightness(header.image, average_alpha=header.mode == "trinary")
+    occupancy = GREY_UNKNOWN / 255 if header.negate else 1 - GREY_UNKNOWN / 255
+    if header.mode != "raw" and occupancy < header.free_thresh and image.has_grey(GREY_UNKNOWN):
+        warnings.warn(
+            f"{yaml_path}: free_thresh {header.free_thresh} makes grey {GREY_UNKNOWN} (p = {occupancy:.3f}) free, "
+            f"which map_saver writes for unknown; expected {FREE_THRESHOLD} if it means unknown here, too",
+            MapWarning,
+            stacklevel=2,
+        )
+    return OccupancyGrid(_cells(image, header)[::-1], header.resolution_m, header.origin)
+
+
+def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: Literal["pgm", "png"] = "pgm") -> None:
+    """Write a grid as a map_server map: ``yaml_path``, and the image beside it under the same stem.
+
+    Reading it gives the same cells: mode ``trinary`` if they are all -1, 0 or 100, else ``raw``. Each file is
+    written under another name and then moved, the image first, so that nobody reads half of one.
+
+    Raises
+    ------
+    ConfigError : ``image`` is neither ``pgm`` nor ``png``
+    OSError : the folder is missing or not writable
+    """
+    import yaml
+    from PIL import Image
+
+    if image not in ("pgm", "png"):
+        raise ConfigError(option="image", value=image, reason="expected 'pgm' or 'png'")
+    path = Path(yaml_path)
+    image_path = path.with_suffix(f".{image}")
+    if image_path == path:
+        raise ConfigError(option="yaml_path", value=str(path), reason="has the name of the image; expected .yaml")
+
+    cells = grid.cells_yx[::-1]
+    trinary = bool(np.isin(cells, (-1, 0, 100)).all())
+    greys = np.arange(256).astype(np.uint8)
+    if trinary:
+        greys[[0, 100, 255]] = GREY_FREE, GREY_OCCUPIED, GREY_UNKNOWN
+    pixels = Image.fromarray(greys[cells.view(np.uint8)])
+    header = {
+        "image": image_path.name,
+        "mode": "trinary" if trinary else "raw",
+        "resolution": float(grid.resolution_m),
+        "origin": [grid.origin.x_m, grid.origin.y_m, grid.origin.yaw_rad],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESHOLD,
+        "free_thresh": FREE_THRESHOLD,
+    }
+    _write_atomically(image_path, lambda file: pixels.save(file, format="PPM" if image == "pgm" else "PNG"))
+    text = yaml.safe_dump(header, sort_keys=False, default_flow_style=None)
+    _write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def read_header(path: Path) -> MapHeader:
+    """Read and check the YAML file alone.
+
+    Raises
+    ------
+    MapFormatError : as ``load_map``; the image is not looked at
+    """
+    fields = _read_yaml(path)
+
+    def refuse(field: str, expected: str) -> MapFormatError:
+        found = reprlib.repr(fields[field]) if field in fields else "nothing"
+        return MapFormatError(path=path, field=field, reason=f"expected {expected}; found {found}")
+
+    def number(field: str, value: object, expected: str) -> float:
+        try:
+            # A string, since PyYAML takes 5e-2 for one; a bool is an int to Python, but not to a reader.
+            result = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError):
+            result = math.nan
+        if not math.isfinite(result):
+            raise refuse(field, expected)
+        return result
+
+    name = fields.get("image")
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise refuse("image", "the name of an image file")
+    resolution_m = number("resolution", fields.get("resolution"), "metres a cell, above 0")
+    if resolution_m <= 0:
+        raise refuse("resolution", "metres a cell, above 0")
+    origin = fields.get("origin")
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise refuse("origin", "[x, y, yaw]")
+    x_m, y_m, yaw_rad = (number("origin", value, "three finite numbers") for value in origin)
+    occupied, free = (
+        number(field, fields.get(field), "a number from 0 to 1") for field in ("occupied_thresh", "free_thresh")
+    )
+    if not 0 <= free < occupied <= 1:
+        raise refuse("free_thresh", f"0 <= free_thresh < occupied_thresh <= 1 (occupied_thresh is {occupied})")
+    mode = fields.get("mode", "trinary")
+    if mode not in MODES:
+        raise refuse("mode", " or ".join(MODES))
+    negate = fields.get("negate")
+    if not isinstance(negate, (bool, int)):
+        raise refuse("negate", "0 or 1")
+    return MapHeader(
+        path.parent / name, resolution_m, Pose2(x_m, y_m, yaw_rad), bool(negate), occupied, free, str(mode)
+    )
+
+
+def _read_yaml(path: Path) -> dict[object, object]:
+    """Read the mapping in a YAML file, of bounded size and without aliases."""
+    import yaml
+
+    def refuse(reason: str) -> MapFormatError:
+        return MapFormatError(path=path, field="yaml", reason=reason)
+
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_YAML_BYTES + 1)
+    except OSError as error:
+        raise refuse(f"cannot be read: {error.strerror}") from error
+    if len(raw) > MAX_YAML_BYTES:
+        raise refuse(f"more than {MAX_YAML_BYTES} bytes; expected the few lines of a map_server file")
+    try:
+        text = raw.decode()
+        # Aliases let a few lines stand for terabytes; no map has them.
+        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, Loader=yaml.SafeLoader)):
+            raise refuse("holds aliases, which map_server files have no use for")
+        fields = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        if isinstance(error, MapFormatError):
+            raise
+        raise refuse(f"is no YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(fields, dict):
+        raise refuse(f"expected a mapping with image, resolution and origin; found {reprlib.repr(fields)}")
+    return fields
+
+
+def _cells(image: Brightness, header: MapHeader) -> NDArray[np.int8]:
+    """(height, width) cell values, top row first; one table over all levels of brightness."""
+    shade = np.arange(image.full + 1) / image.full
+    if header.mode == "raw":
+        value = np.rint(shade * 255)
+        raw: NDArray[np.int8] = np.where(value <= 100, value, -1).astype(np.int8)
+        return raw[image.levels_yx]
+    occupancy = shade if header.negate else 1 - shade
+    if header.mode == "trinary":
+        between = np.full_like(shade, -1)
+    else:
+        between = np.rint((occupancy - header.free_thresh) / (header.occupied_thresh - header.free_thresh) * 100)
+    is_occupied, is_free = occupancy > header.occupied_thresh, occupancy < header.free_thresh
+    table = np.where(is_occupied, 100, np.where(is_free, 0, between)).astype(np.int8)
+    cells = table[image.levels_yx]
+    if header.mode == "scale" and image.opaque_yx is not None:
+        cells[~image.opaque_yx] = -1
+    return cells
+
+
+def _write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        Path(name).chmod(0o644)  # mkstemp's 0600 would hide the map from the other nodes of a robot
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,143 @@
+"""Edges to cells: which cell centres are blocked, free or unknown, by exact integers.
+
+Free is where the winding sum of the free faces is positive: a sum along each row, so that nothing can
+leak through a gap as it would in a flood fill. A wall then blocks
+
+* cells that are not free, within its thickness (a cell at least) on its sides that are not free,
+* free cells only within half a cell of it, on a side that is not free, so that no thickness covers space
+  that another source saw as free,
+* and, if both its sides are free, half a cell on each side.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.model.errors import MapFormatError
+from fleetmap.model.grid import MAX_CELLS
+from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+
+if TYPE_CHECKING:
+    from fleetmap.model.vectormap import VectorMap
+
+Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)
+"""Columns of the rows that are painted: those of ``MergedMap.edges``."""
+
+
+def merged_states(edges: NDArray[np.int32], step: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+    """Rasterise the arrangement of a merged map.
+
+    Parameters
+    ----------
+    edges : (n, 8) int32 as in ``MergedMap``
+    step : size of a cell in fleet lattice steps, at least 1; cell corners lie on its multiples
+
+    Returns
+    -------
+    states_yx : (height, width) uint8 FREE, OCCUPIED or UNKNOWN, just large enough for all that is painted
+    low_yx : cell (0, 0) has its lower left corner at ``step * low_yx``
+
+    Raises
+    ------
+    MapFormatError : more than ``MAX_CELLS`` cells
+    """
+    rows = edges.astype(np.int64)
+    low_yx, shape = _extent(rows, step)
+    return _states(rows, step, low_yx, shape), low_yx
+
+
+def vector_map_states(
+    vector_map: VectorMap, *, low_yx: tuple[int, int] | None = None, shape: tuple[int, int] | None = None
+) -> tuple[NDArray[np.uint8], tuple[int, int]]:
+    """Rasterise a vector map on the cells of its own lattice.
+
+    Parameters
+    ----------
+    low_yx, shape : the window in cells, (y, x) and (height, width); give both, or neither for the extent of
+        the map
+
+    Returns
+    -------
+    states_yx : (height, width) uint8 FREE, OCCUPIED or UNKNOWN
+    low_yx : lattice point of the lower left corner of cell (0, 0)
+
+    Raises
+    ------
+    MapFormatError : more than ``MAX_CELLS`` cells
+    """
+    # In quarters of a cell, the unit of thickness, a vector map looks like a merged one.
+    rows = np.zeros((len(vector_map), 8), np.int64)
+    rows[:, :LEFT] = vector_map.edges[:, :4].astype(np.int64) * 4
+    rows[:, LEFT], rows[:, RIGHT] = np.divmod(vector_map.edges[:, 4], 3)
+    rows[:, OBSTACLE] = vector_map.obstacle
+    rows[:, THICKNESS] = vector_map.thickness
+    if low_yx is None or shape is None:
+        low_yx, shape = _extent(rows, 4)
+    return _states(rows, 4, low_yx, shape, fill_hidden=True), low_yx
+
+
+def _extent(rows: NDArray[np.int64], step: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Find the least window that holds all edges and painted walls: (low_yx, shape); one cell if empty."""
+    if len(rows) == 0:
+        return (0, 0), (1, 1)
+    two_sided = (rows[:, LEFT] == FREE) & (rows[:, RIGHT] == FREE)
+    depth = np.where(two_sided, step, np.maximum(rows[:, THICKNESS], step))
+    pad = np.where(rows[:, OBSTACLE] == 1, depth, 0)[:, None]
+    low = np.minimum(rows[:, [Y0, X0]], rows[:, [Y1, X1]]) - pad
+    high = np.maximum(rows[:, [Y0, X0]], rows[:, [Y1, X1]]) + pad
+    low_y, low_x = (low.min(axis=0) // step).tolist()
+    high_y, high_x = (-(-high.max(axis=0) // step)).tolist()
+    return (low_y, low_x), (max(high_y - low_y, 1), max(high_x - low_x, 1))
+
+
+def _states(
+    rows: NDArray[np.int64], step: int, low_yx: tuple[int, int], shape: tuple[int, int], *, fill_hidden: bool = False
+) -> NDArray[np.uint8]:
+    """Free faces, then walls; with ``fill_hidden`` also what edges between occupied and unknown enclose."""
+    if shape[0] * shape[1] > MAX_CELLS:
+        raise MapFormatError(
+            path="<map>", field="extent", reason=f"{shape[0]} x {shape[1]} cells; at most {MAX_CELLS} are painted"
+        )
+    from fleetmap.model.raster_kernels import add_crossings, paint_walls
+
+    # Half steps: cell centres are integers.
+    doubled = np.ascontiguousarray(rows[:, : X1 + 1] * 2)
+    left, right = rows[:, LEFT], rows[:, RIGHT]
+
+    def inside(state: int, counts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(height, width) where faces of a state lie, by the edges that count."""
+        sums = np.zeros(shape, np.int32)
+        weights = ((right == state).astype(np.int64) - (left == state)) * counts
+        add_crossings(doubled, weights, 2 * step, *low_yx, sums)
+        return np.cumsum(sums, axis=1, out=sums) > 0
+
+    free = inside(FREE, np.ones(len(rows), bool))
+    states = np.where(free, FREE, UNKNOWN).astype(np.uint8)
+    if fill_hidden:
+        hidden = (left != FREE) & (right != FREE)
+        if hidden.any():
+            states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
+
+    walls = rows[:, OBSTACLE] == 1
+    edges, left, right = doubled[walls], left[walls], right[walls]
+    two_sided = (left == FREE) & (right == FREE)
+    sides = np.where(two_sided, 3, (left != FREE) + 2 * (right != FREE)).astype(np.int64)
+    reach = np.full((len(edges), 2), step, np.int64)  # half a cell
+    reach[:, 0] = np.where(two_sided, step, 2 * np.maximum(rows[walls, THICKNESS], step))
+    blocked = np.zeros(shape, np.uint8)
+    paint_walls(
+        edges, sides, reach, _reach_times_length(edges, reach), 2 * step, *low_yx, free.astype(np.uint8), blocked
+    )
+    states[blocked == 1] = OCCUPIED
+    return states
+
+
+def _reach_times_length(edges: NDArray[np.int64], reach: NDArray[np.int64]) -> NDArray[np.int64]:
+    """floor(reach * length of the edge), (n, 2): in Python integers, since its square needs up to 80 bits."""
+    length2 = (edges[:, 2] - edges[:, 0]) ** 2 + (edges[:, 3] - edges[:, 1]) ** 2
+    pairs = zip(reach.tolist(), length2.tolist(), strict=True)
+    return np.array([[math.isqrt(r * r * n) for r in both] for both, n in pairs], np.int64).reshape(-1, 2)
