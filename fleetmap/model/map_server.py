@@ -29,7 +29,9 @@ GREY_OCCUPIED, GREY_FREE, GREY_UNKNOWN = 0, 254, 205
 RAW_UNKNOWN = 255
 """What stands for unknown in mode ``raw``, where any other grey up to 100 is the value itself."""
 
-MAX_YAML_BYTES = 1 << 16
+MAX_YAML_BYTES, MAX_YAML_TOKENS = 1 << 16, 1000
+"""A usual file has 300 bytes and 40 tokens; PyYAML takes quadratic time over nested brackets, 0.1 s for these."""
+
 MODES = ("trinary", "scale", "raw")
 
 
@@ -175,9 +177,10 @@ def _read_yaml(path: Path) -> dict[object, object]:
         raise refuse(f"more than {MAX_YAML_BYTES} bytes; expected the few lines of a map_server file")
     try:
         text = raw.decode()
-        # Aliases let a few lines stand for terabytes; no map has them.
-        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, Loader=yaml.SafeLoader)):
-            raise refuse("holds aliases, which map_server files have no use for")
+        for count, token in enumerate(yaml.scan(text, Loader=yaml.SafeLoader)):
+            # Aliases let a few lines stand for terabytes.
+            if count > MAX_YAML_TOKENS or isinstance(token, yaml.AliasToken):
+                raise refuse("expected a plain mapping; found aliases, or very many values")
         fields = yaml.safe_load(text)
     except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
         if isinstance(error, MapFormatError):
@@ -191,18 +194,16 @@ def _read_yaml(path: Path) -> dict[object, object]:
 def _cells(image: Brightness, header: MapHeader) -> NDArray[np.int8]:
     """(height, width) cell values, top row first; one table over all levels of brightness."""
     shade = np.arange(image.full + 1) / image.full
+    occupancy = shade if header.negate else 1 - shade
     if header.mode == "raw":
         value = np.rint(shade * 255)
-        raw: NDArray[np.int8] = np.where(value <= 100, value, -1).astype(np.int8)
-        return raw[image.levels_yx]
-    occupancy = shade if header.negate else 1 - shade
-    if header.mode == "trinary":
-        between = np.full_like(shade, -1)
+        table = np.where(value <= 100, value, -1)
     else:
-        between = np.rint((occupancy - header.free_thresh) / (header.occupied_thresh - header.free_thresh) * 100)
-    is_occupied, is_free = occupancy > header.occupied_thresh, occupancy < header.free_thresh
-    table = np.where(is_occupied, 100, np.where(is_free, 0, between)).astype(np.int8)
-    cells = table[image.levels_yx]
+        is_occupied, is_free = occupancy > header.occupied_thresh, occupancy < header.free_thresh
+        scaled = np.rint((occupancy - header.free_thresh) / (header.occupied_thresh - header.free_thresh) * 100)
+        between = scaled if header.mode == "scale" else np.full_like(scaled, -1)
+        table = np.where(is_occupied, 100, np.where(is_free, 0, between))
+    cells: NDArray[np.int8] = table.astype(np.int8)[image.levels_yx]
     if header.mode == "scale" and image.opaque_yx is not None:
         cells[~image.opaque_yx] = -1
     return cells

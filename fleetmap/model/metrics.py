@@ -76,11 +76,12 @@ def on_common_lattice(a: OccupancyGrid, b: OccupancyGrid) -> tuple[NDArray[np.ui
     MapFormatError : the union has more than ``MAX_CELLS`` cells
     """
     T_b_a = b.origin.inverse() @ a.origin
-    corners = T_b_a.apply(np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * np.array([a.width, a.height]) * a.resolution_m)
-    corners /= b.resolution_m
-    low = np.minimum(np.floor(corners.min(axis=0) + SLACK_CELLS), 0)
-    high = np.maximum(np.ceil(corners.max(axis=0) - SLACK_CELLS), [b.width, b.height])
-    cells = float(np.prod(high - low))
+    size_m = np.array([a.width, a.height]) * a.resolution_m
+    with np.errstate(over="ignore", invalid="ignore"):  # too far apart is found below
+        corners = T_b_a.apply(size_m * [[0, 0], [1, 0], [0, 1], [1, 1]]) / b.resolution_m
+        low = np.minimum(np.floor(corners.min(axis=0) + SLACK_CELLS), 0)
+        high = np.maximum(np.ceil(corners.max(axis=0) - SLACK_CELLS), [b.width, b.height])
+        cells = float(np.prod(high - low))
     if not cells <= MAX_CELLS:
         reason = f"together they span {cells:.3g} cells of {b.resolution_m} m; at most {MAX_CELLS}"
         raise MapFormatError(path="<two grids>", field="extent", reason=reason)

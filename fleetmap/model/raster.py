@@ -12,8 +12,6 @@ leak through a gap as it would in a flood fill. A wall then blocks
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,11 +19,13 @@ from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import MAX_CELLS
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 
-if TYPE_CHECKING:
-    from fleetmap.model.vectormap import VectorMap
+from fleetmap.model.vectormap import THICKNESS_PER_CELL, VectorMap
 
 Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)
 """Columns of the rows that are painted: those of ``MergedMap.edges``."""
+
+CELL = 16
+"""Units in which vector maps are painted: sixteenths of a cell, so that a grid of any phase can be."""
 
 
 def merged_states(edges: NDArray[np.int32], step: int) -> tuple[NDArray[np.uint8], tuple[int, int]]:
@@ -51,7 +51,11 @@ def merged_states(edges: NDArray[np.int32], step: int) -> tuple[NDArray[np.uint8
 
 
 def vector_map_states(
-    vector_map: VectorMap, *, low_yx: tuple[int, int] | None = None, shape: tuple[int, int] | None = None
+    vector_map: VectorMap,
+    *,
+    low_yx: tuple[int, int] | None = None,
+    shape: tuple[int, int] | None = None,
+    phase_yx: tuple[int, int] = (0, 0),
 ) -> tuple[NDArray[np.uint8], tuple[int, int]]:
     """Rasterise a vector map on the cells of its own lattice.
 
@@ -59,6 +63,7 @@ def vector_map_states(
     ----------
     low_yx, shape : the window in cells, (y, x) and (height, width); give both, or neither for the extent of
         the map
+    phase_yx : moves the window by so many sixteenths of a cell, each -8 to 7
 
     Returns
     -------
@@ -69,15 +74,15 @@ def vector_map_states(
     ------
     MapFormatError : more than ``MAX_CELLS`` cells
     """
-    # In quarters of a cell, the unit of thickness, a vector map looks like a merged one.
+    # In sixteenths of a cell a vector map looks like a merged one.
     rows = np.zeros((len(vector_map), 8), np.int64)
-    rows[:, :LEFT] = vector_map.edges[:, :4].astype(np.int64) * 4
+    rows[:, :LEFT] = vector_map.edges[:, :4].astype(np.int64) * CELL - [*phase_yx, *phase_yx]
     rows[:, LEFT], rows[:, RIGHT] = np.divmod(vector_map.edges[:, 4], 3)
     rows[:, OBSTACLE] = vector_map.obstacle
-    rows[:, THICKNESS] = vector_map.thickness
+    rows[:, THICKNESS] = vector_map.thickness.astype(np.int64) * (CELL // THICKNESS_PER_CELL)
     if low_yx is None or shape is None:
-        low_yx, shape = _extent(rows, 4)
-    return _states(rows, 4, low_yx, shape, fill_hidden=True), low_yx
+        low_yx, shape = _extent(rows, CELL)
+    return _states(rows, CELL, low_yx, shape, fill_hidden=True), low_yx
 
 
 def _extent(rows: NDArray[np.int64], step: int) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -1,0 +1,142 @@
+"""``fleetmap sim``: N robot processes explore a building and end up with one map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.live import Live
+from rich.table import Table
+
+from fleetmap.cli.kernels import load_kernels
+from fleetmap.cli.output import AsJson, print_json, print_table, stderr
+
+if TYPE_CHECKING:
+    from fleetmap.sims import Progress
+
+
+def sim(
+    robots: Annotated[int, typer.Option(min=1, max=50, help="How many robots, each a process of its own.")] = 4,
+    world: Annotated[
+        str, typer.Option(metavar="NAME|MAP.yaml", help="office, maze, unstructured, or a map_server map.")
+    ] = "office",
+    size: Annotated[float, typer.Option(min=5.0, max=200.0, help="Side of a generated world, metres.")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the world, the starts and all noise.")] = 0,
+    out: Annotated[Path, typer.Option("--out", metavar="RUN", help="The run folder.")] = Path("RUN"),
+    hold_s: Annotated[
+        float, typer.Option("--hold-s", min=0.0, help="Stay joined so long after the end, for others to join.")
+    ] = 0.0,
+    lidar_range: Annotated[float, typer.Option(min=1.0, max=100.0, help="Range of the lidar, metres.")] = 10.0,
+    beams: Annotated[int, typer.Option(min=90, max=7200, help="Beams of the lidar, over 360 degrees.")] = 720,
+    range_noise: Annotated[float, typer.Option(min=0.0, max=0.5, help="Sigma of a range, metres.")] = 0.02,
+    pose_noise: Annotated[float, typer.Option(min=0.0, max=0.5, help="Sigma of the believed pose, metres.")] = 0.01,
+    radius: Annotated[float, typer.Option(min=0.05, max=2.0, help="Radius of a robot, metres.")] = 0.20,
+    as_json: AsJson = False,
+) -> None:
+    """Launch a simulated fleet: robots explore, vectorize what they see, send deltas, and merge.
+
+    Ends by itself when nothing reachable is left to explore and all robots hold the same map. Leaves the run
+    folder: report.html, map.png, map.yaml, map.fmap, stats.json and a log per robot. Ctrl-C ends all of it.
+    Exits with 1 if the living robots don't hold the same map in the end.
+
+    For instance:  fleetmap sim --robots 4 --world office --size 40 --seed 1 --out RUN
+
+    or on a real map, and waiting for guests:  fleetmap sim --world map.yaml --hold-s 30
+    """
+    from fleetmap.sims import SimConfig, run_fleet
+
+    config = SimConfig(
+        out=out,
+        robots=robots,
+        world=world,
+        size_m=size,
+        seed=seed,
+        hold_s=hold_s,
+        range_m=lidar_range,
+        beams=beams,
+        range_noise_m=range_noise,
+        pose_noise_m=pose_noise,
+        radius_m=radius,
+    )
+    with stderr.status("compiling kernels (only once)"):
+        for _ in load_kernels():
+            pass
+    if stderr.is_terminal:
+        with Live(console=stderr, refresh_per_second=4, transient=True) as live:
+            result = run_fleet(config, on_progress=lambda progress: live.update(_progress_table(progress)))
+    else:
+        result = run_fleet(config, on_progress=_PlainProgress())
+    document = result.document
+    if as_json:
+        print_json(document)
+    else:
+        _print_summary(document, result.out)
+    if not document["converged"]:
+        raise typer.Exit(1)
+
+
+def _progress_table(progress: Progress) -> Table:
+    table = Table(title=f"{progress.phase}, {progress.t_s:.0f} s of simulated time, {progress.endpoint}")
+    for column in ("robot", "pid", "state", "covered", "driven", "published", "sent", "gzip full", "gzip updates"):
+        table.add_column(column, justify="left" if column in ("robot", "state") else "right")
+    for r in progress.robots:
+        table.add_row(
+            r.robot,
+            str(r.pid),
+            r.state,
+            f"{100 * r.covered:.1f} %",
+            f"{r.distance_m:.0f} m",
+            str(r.published),
+            f"{r.bytes_vector:,} B",
+            f"{r.bytes_grid_gzip_full:,} B",
+            f"{r.bytes_grid_gzip_updates:,} B",
+        )
+    return table
+
+
+class _PlainProgress:
+    """A line on stderr for each change of phase or tenth of the way: for logs and pipes."""
+
+    def __init__(self) -> None:
+        self._said: object = None
+
+    def __call__(self, progress: Progress) -> None:
+        covered = max((r.covered for r in progress.robots), default=0.0)
+        now = (progress.phase, int(covered * 10))
+        if now != self._said:
+            self._said = now
+            robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
+            stderr.print(
+                f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, {robots}",
+                highlight=False,
+                soft_wrap=True,
+            )
+
+
+def _print_summary(document: dict[str, object], out: Path) -> None:
+    error = document["merged_error_m"]
+    rows = []
+    for key, value in document.items():
+        if key == "merged_error_m" and isinstance(error, dict):
+            median, p95 = error["median"], error["p95"]
+            rows.append(["merged error", f"median {100 * median:.1f} cm, p95 {100 * p95:.1f} cm"])
+        elif key == "covered" and isinstance(value, float):
+            rows.append(["covered", f"{100 * value:.1f} %"])
+        elif key.startswith("ratio_") and isinstance(value, float):
+            rows.append([key.replace("_", " "), f"{value:.1f} x"])
+        elif isinstance(value, bool):
+            rows.append([key, "yes" if value else "no"])
+        elif isinstance(value, float):
+            rows.append([key.replace("_", " "), f"{value:,.1f}"])
+        elif isinstance(value, int):
+            rows.append([key.replace("_", " "), f"{value:,}"])
+        elif isinstance(value, str):
+            rows.append([key.replace("_", " "), value])
+    robots = document["robots"]
+    count = len(robots) if isinstance(robots, list) else robots
+    print_table(f"{count} robots", ["", "result"], rows)
+    dead = document.get("dead")
+    for death in dead if isinstance(dead, list) else []:
+        typer.echo(f"{death['robot']} died at {death['t_s']:.0f} s of simulated time: {death['reason']}")
+    typer.echo(f"report: {out / 'report.html'}")

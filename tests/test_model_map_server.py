@@ -1,0 +1,310 @@
+import os
+import struct
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from fleetmap.model.errors import ConfigError, MapFormatError, MapWarning
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.map_server import load_map, save_map
+from fleetmap.model.pose import Pose2
+
+HEADER = {
+    "image": "map.pgm",
+    "resolution": "0.05",
+    "origin": "[0.0, 0.0, 0.0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+GREYS = np.array([[0, 254, 205, 255, 100]], np.uint8)
+TRINARY = [[100, 0, -1, 0, -1]]
+
+
+def write_yaml(folder: Path, **changes: str | None) -> Path:
+    fields = {key: value for key, value in (HEADER | changes).items() if value is not None}
+    path = folder / "map.yaml"
+    path.write_text("".join(f"{key}: {value}\n" for key, value in fields.items()))
+    return path
+
+
+def write_map(folder: Path, image: Image.Image, *, name: str = "map.png", **changes: str | None) -> Path:
+    image.save(folder / name)
+    return write_yaml(folder, image=name, **changes)
+
+
+def refusal(path: Path) -> MapFormatError:
+    with pytest.raises(MapFormatError) as caught:
+        load_map(path)
+    return caught.value
+
+
+def test_image_row_0_is_the_top_and_grid_row_0_the_lowest_y(tmp_path: Path) -> None:
+    (tmp_path / "map.pgm").write_bytes(b"P5\n2 2\n255\n" + bytes([0, 254, 205, 205]))
+    grid = load_map(write_yaml(tmp_path, origin="[-1.5, 2, 0.5]"))
+    assert grid.cells_yx.tolist() == [[-1, -1], [100, 0]]
+    assert grid.origin == Pose2(-1.5, 2.0, 0.5)
+    assert grid.resolution_m == 0.05
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "RGB"])
+def test_png_grey_palette_and_rgb_give_the_same_cells(tmp_path: Path, mode: str) -> None:
+    assert load_map(write_map(tmp_path, Image.fromarray(GREYS).convert(mode))).cells_yx.tolist() == TRINARY
+
+
+def test_bmp_is_read(tmp_path: Path) -> None:
+    path = write_map(tmp_path, Image.fromarray(GREYS), name="map.bmp")
+    assert load_map(path).cells_yx.tolist() == TRINARY
+
+
+def test_ascii_pgm_with_comments_is_read(tmp_path: Path) -> None:
+    (tmp_path / "map.pgm").write_text("P2\n# by hand\n5 1\n255\n0 254 205\n255 100\n")
+    assert load_map(write_yaml(tmp_path)).cells_yx.tolist() == TRINARY
+
+
+@pytest.mark.parametrize("maxval", [65535, 1020, 100])
+def test_pgm_levels_are_relative_to_its_maxval(tmp_path: Path, maxval: int) -> None:
+    levels = np.rint(GREYS / 255 * maxval).astype(">u2" if maxval > 255 else "u1")
+    (tmp_path / "map.pgm").write_bytes(f"P5\n5 1\n{maxval}\n".encode() + levels.tobytes())
+    # 205/255 lies right on the threshold, so that rounding to a coarser scale may move it
+    assert load_map(write_yaml(tmp_path, free_thresh="0.19")).cells_yx.tolist() == TRINARY
+
+
+def test_sixteen_bit_png_is_read(tmp_path: Path) -> None:
+    image = Image.fromarray(GREYS.astype(np.uint16) * 257)
+    assert load_map(write_map(tmp_path, image)).cells_yx.tolist() == TRINARY
+
+
+@pytest.mark.parametrize("negate", ["1", "true"])
+def test_negate_makes_white_occupied(tmp_path: Path, negate: str) -> None:
+    path = write_map(tmp_path, Image.fromarray(255 - GREYS), negate=negate)
+    assert load_map(path).cells_yx.tolist() == TRINARY
+
+
+def test_mode_scale_spreads_the_middle_over_0_to_100(tmp_path: Path) -> None:
+    image = Image.fromarray(np.array([[0, 255, 153, 102]], np.uint8))
+    path = write_map(tmp_path, image, mode="scale", occupied_thresh="0.8", free_thresh="0.2")
+    # p = 0.4 and 0.6: a third and two thirds of the way from 0.2 to 0.8
+    assert load_map(path).cells_yx.tolist() == [[100, 0, 33, 67]]
+
+
+def test_mode_scale_makes_transparent_pixels_unknown(tmp_path: Path) -> None:
+    pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255]]], np.uint8)
+    assert load_map(write_map(tmp_path, Image.fromarray(pixels), mode="scale")).cells_yx.tolist() == [[100, -1, 0]]
+
+
+def test_mode_trinary_averages_alpha_with_the_colours(tmp_path: Path) -> None:
+    pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0]]], np.uint8)
+    # brightness 1/4, 1 and 3/4, as in map_server
+    assert load_map(write_map(tmp_path, Image.fromarray(pixels))).cells_yx.tolist() == [[100, 0, -1]]
+
+
+def test_mode_raw_takes_the_levels_themselves(tmp_path: Path) -> None:
+    image = Image.fromarray(np.array([[0, 37, 100, 101, 255]], np.uint8))
+    assert load_map(write_map(tmp_path, image, mode="raw")).cells_yx.tolist() == [[0, 37, 100, -1, -1]]
+
+
+def test_grey_205_with_free_thresh_0_25_is_free_and_warned_of(tmp_path: Path) -> None:
+    path = write_map(tmp_path, Image.fromarray(GREYS), free_thresh="0.25")
+    with pytest.warns(MapWarning, match=r"free_thresh 0\.25 makes grey 205"):
+        assert load_map(path).cells_yx.tolist() == [[100, 0, 0, 0, -1]]
+
+
+def test_free_thresh_0_25_without_grey_205_is_not_warned_of(tmp_path: Path) -> None:
+    image = Image.fromarray(np.array([[0, 254]], np.uint8))
+    assert load_map(write_map(tmp_path, image, free_thresh="0.25")).cells_yx.tolist() == [[100, 0]]
+
+
+def test_exponents_without_a_dot_are_numbers(tmp_path: Path) -> None:
+    path = write_map(tmp_path, Image.fromarray(GREYS), resolution="5e-2")
+    assert load_map(path).resolution_m == 0.05
+
+
+BAD_FIELDS = [
+    ("image", None),
+    ("image", "[1]"),
+    ("image", "absent.pgm"),
+    ("image", "."),
+    ("image", '"nul\\0.pgm"'),
+    ("resolution", None),
+    ("resolution", "0"),
+    ("resolution", "-0.05"),
+    ("resolution", ".nan"),
+    ("resolution", ".inf"),
+    ("resolution", "fine"),
+    ("resolution", "true"),
+    ("resolution", "1" + "0" * 400),
+    ("origin", None),
+    ("origin", "[0, 0]"),
+    ("origin", "[0, 0, 0, 0]"),
+    ("origin", "[0, .nan, 0]"),
+    ("origin", "[0, [], 0]"),
+    ("origin", "12"),
+    ("occupied_thresh", None),
+    ("occupied_thresh", "high"),
+    ("free_thresh", "0.65"),
+    ("free_thresh", "0.7"),
+    ("free_thresh", "-0.1"),
+    ("mode", "quaternary"),
+    ("mode", "[]"),
+    ("negate", None),
+    ("negate", "maybe"),
+]
+
+
+@pytest.mark.parametrize(("field", "value"), BAD_FIELDS)
+def test_a_bad_field_is_named(tmp_path: Path, field: str, value: str | None) -> None:
+    Image.fromarray(GREYS).save(tmp_path / "map.pgm")
+    error = refusal(write_yaml(tmp_path, **{field: value}))
+    assert error.field == field
+    assert str(tmp_path) in str(error)
+
+
+BAD_YAML = {
+    "no mapping": b"- image\n- resolution\n",
+    "empty": b"",
+    "broken": b"image: [map.pgm\n",
+    "not utf-8": b"image: \xff\xfe\n",
+    "too large": b"# filler\n" * 10_000,
+    "aliases": b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n",
+    "deep": b"[" * 60_000,
+    "bad date": b"image: 2001-99-99\n",
+    "endless number": b"image: " + b"1" * 5_000 + b"\n",
+}
+
+
+@pytest.mark.parametrize("kind", BAD_YAML)
+def test_bad_yaml_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "map.yaml"
+    path.write_bytes(BAD_YAML[kind])
+    assert refusal(path).field == "yaml"
+
+
+def test_a_missing_yaml_file_or_a_folder_is_refused(tmp_path: Path) -> None:
+    assert refusal(tmp_path / "absent.yaml").field == "yaml"
+    assert refusal(tmp_path).field == "yaml"
+
+
+BAD_PGM = {
+    "truncated": b"P5\n4 4\n255\n" + bytes(15),
+    "truncated, 16 bit": b"P5\n4 4\n65535\n" + bytes(31),
+    "truncated, odd maxval": b"P5\n4 4\n100\n" + bytes(15),
+    "truncated, ascii": b"P2\n4 4\n255\n" + b"205 " * 15,
+    "ascii above maxval": b"P2\n2 1\n255\n0 256\n",
+    "no header": b"P5\n",
+    "empty": b"",
+    "text": b"this is no image",
+    "20 GB": b"P5\n141421 141421\n255\n" + bytes(100),
+    "200 MB in 100 bytes": b"P5\n10000 10000\n255\n" + bytes(100),
+    "ascii 200 MB": b"P2\n10000 10000\n255\n0 0 0\n",
+    "negative": b"P5\n-4 -4\n255\n" + bytes(16),
+    "zero": b"P5\n0 0\n255\n",
+    "maxval 0": b"P5\n2 2\n0\n" + bytes(4),
+    "maxval 70000": b"P5\n2 2\n70000\n" + bytes(8),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_PGM)
+def test_a_bad_pgm_is_refused(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "map.pgm").write_bytes(BAD_PGM[kind])
+    assert refusal(write_yaml(tmp_path)).field in ("image", "image size")
+
+
+def png(width: int, height: int, data: bytes) -> bytes:
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "data"),
+    [(1 << 30, 1 << 30, b""), (16_000, 16_000, b""), (9_500, 9_500, zlib.compress(bytes(100))), (4, 4, b"junk")],
+)
+def test_a_png_whose_header_lies_is_refused(tmp_path: Path, width: int, height: int, data: bytes) -> None:
+    (tmp_path / "map.png").write_bytes(png(width, height, data))
+    assert refusal(write_yaml(tmp_path, image="map.png")).field in ("image", "image size")
+
+
+def test_other_image_formats_are_refused(tmp_path: Path) -> None:
+    assert refusal(write_map(tmp_path, Image.fromarray(GREYS), name="map.gif")).field == "image"
+
+
+@pytest.mark.parametrize("image", ["pgm", "png"])
+@given(
+    rows=st.lists(st.lists(st.integers(-1, 100), min_size=3, max_size=3), min_size=1, max_size=4),
+    resolution_m=st.floats(1e-6, 1e3),
+    origin=st.tuples(*[st.floats(-1e6, 1e6)] * 2, st.floats(-3.1, 3.1)),
+    trinary=st.booleans(),
+)
+def test_a_saved_map_reads_back_the_same(
+    image: str, rows: list[list[int]], resolution_m: float, origin: tuple[float, float, float], trinary: bool,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:  # fmt: skip
+    cells = np.array(rows, np.int8)
+    if trinary:
+        cells = np.array([-1, 0, 100], np.int8)[cells % 3]
+    grid = OccupancyGrid(cells, resolution_m, Pose2(*origin))
+    path = tmp_path_factory.mktemp("map") / "map.yaml"
+    save_map(grid, path, image=image)  # type: ignore[arg-type]
+    again = load_map(path)
+    assert again.cells_yx.tolist() == cells.tolist()
+    assert (again.resolution_m, again.origin) == (resolution_m, grid.origin)
+
+
+def test_a_saved_trinary_map_has_the_greys_of_map_saver(tmp_path: Path) -> None:
+    save_map(OccupancyGrid(np.array([[100, 0, -1]], np.int8), 0.05), tmp_path / "map.yaml")
+    assert (tmp_path / "map.pgm").read_bytes() == b"P5\n3 1\n255\n" + bytes([0, 254, 205])
+    assert "free_thresh: 0.196\n" in (tmp_path / "map.yaml").read_text()
+
+
+def test_a_failed_save_leaves_the_old_map_and_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = OccupancyGrid(np.array([[100, 0]], np.int8), 0.05)
+    save_map(grid, tmp_path / "map.yaml")
+
+    def fail(*args: object, **kwargs: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(Image.Image, "save", fail)
+    with pytest.raises(OSError, match="disk full"):
+        save_map(OccupancyGrid(np.array([[-1, -1]], np.int8), 0.05), tmp_path / "map.yaml")
+    assert sorted(os.listdir(tmp_path)) == ["map.pgm", "map.yaml"]
+    assert load_map(tmp_path / "map.yaml").cells_yx.tolist() == [[100, 0]]
+
+
+def test_save_refuses_an_unknown_image_kind_and_the_image_as_yaml(tmp_path: Path) -> None:
+    grid = OccupancyGrid(np.array([[0]], np.int8), 0.05)
+    with pytest.raises(ConfigError, match="image="):
+        save_map(grid, tmp_path / "map.yaml", image="gif")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="yaml_path="):
+        save_map(grid, tmp_path / "map.pgm")
+
+
+REAL = Path(os.environ["FLEETMAP_DATA"]) / "maps" if "FLEETMAP_DATA" in os.environ else None
+
+
+@pytest.mark.data
+@pytest.mark.skipif(REAL is None, reason="FLEETMAP_DATA is unset")
+def test_every_real_map_loads_and_only_the_depot_is_warned_of() -> None:
+    assert REAL is not None
+    warned, without_unknown = [], []
+    paths = sorted(REAL.glob("*/map.yaml"))
+    assert len(paths) >= 21
+    for path in paths:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            grid = load_map(path)
+        warned += [path.parent.name for _ in caught]
+        assert (grid.cells_yx == 0).any(), path
+        assert (grid.cells_yx == 100).any(), path
+        if not (grid.cells_yx == -1).any():
+            without_unknown.append(path.parent.name)
+    assert warned == ["nav2_depot"]
+    assert without_unknown == ["nav2_depot"]
