@@ -1,1 +1,5 @@
-"""Every byte counted."""
+"""Counting bytes."""
+
+from fleetmap.accounting.ledger import Count, Ledger, Stats
+
+__all__ = ["Count", "Ledger", "Stats"]

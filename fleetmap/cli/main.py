@@ -7,9 +7,11 @@ document, also for errors.
 from __future__ import annotations
 
 import sys
+import warnings
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
 from fleetmap.cli.compare import compare
 from fleetmap.cli.output import print_json, stderr
@@ -53,6 +55,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code."""
     as_json = "--json" in arguments
+    warnings.showwarning = _show_warning
     try:
         result = app(arguments, prog_name="fleetmap", standalone_mode=False)
         return result if isinstance(result, int) else 0
@@ -82,13 +85,11 @@ def _fail(error: BaseException, code: int, as_json: bool) -> int:
     elif code == 2 and not message:
         return code  # help was asked for, and has been printed
     else:
-        stderr.print(f"[bold red]error:[/] {_escape(message)}", highlight=False, soft_wrap=True)
+        stderr.print(f"[bold red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
         if code == 2:
             stderr.print("Try a command with --help.", highlight=False)
     return code
 
 
-def _escape(message: str) -> str:
-    from rich.markup import escape
-
-    return escape(message)
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    stderr.print(f"[yellow]warning:[/] {escape(str(message))}", highlight=False, soft_wrap=True)

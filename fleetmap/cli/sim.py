@@ -108,7 +108,7 @@ class _PlainProgress:
             self._said = now
             robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
             stderr.print(
-                f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, {robots}",
+                f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, {robots}, {progress.endpoint}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -48,8 +48,8 @@ def stats(
 
 
 def _map_stats(path: Path) -> dict[str, Any]:
-    from fleetmap.codecs import encode_snapshot
     from fleetmap.codecs.baselines import gzip_grid, png_grid
+    from fleetmap.codecs.protocol import encode_snapshot
     from fleetmap.model.map_server import load_map
     from fleetmap.model.metrics import compare
     from fleetmap.vectorize import rasterize, vectorize

@@ -50,7 +50,7 @@ def vectorize(
             {"kind": v.kind, "x_m": v.place_xy_m[0], "y_m": v.place_xy_m[1], "detail": v.detail}
             for v in report.violations
         ],
-        "dropped": {"count": report.dropped.count, "cells": report.dropped.area_cells},
+        "dropped": {"count": report.dropped.count, "cells": report.dropped.cells},
         "epsilon_cells": vector_map.epsilon_cells,
         "digest": f"{vector_map.digest:016x}",
     }
@@ -60,7 +60,7 @@ def vectorize(
         rows = [[k, str(document[k])] for k in ("edges", "vertices", "bytes")]
         rows += [
             ["time", f"{elapsed_ms:.1f} ms"],
-            ["specks dropped", f"{report.dropped.count} ({report.dropped.area_cells} cells)"],
+            ["specks dropped", f"{report.dropped.count} ({report.dropped.cells} cells)"],
             ["valid", "yes" if report.valid else f"no: {len(report.violations)} violations"],
         ]
         print_table(f"{grid} -> {out}", ["", "value"], rows)

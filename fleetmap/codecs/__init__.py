@@ -1,1 +1,1 @@
-"""Vector map to bytes and back."""
+"""Vector maps to bytes and back: payload codecs, messages, files, and the grids that they are compared with."""

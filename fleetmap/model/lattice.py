@@ -41,7 +41,7 @@ class Lattice:
     @property
     def resolution_m(self) -> float:
         """Size of a cell in metres."""
-        return self.resolution_um * 1e-6
+        return self.resolution_um / 1e6
 
     def to_metres(self, points_yx: NDArray[np.int32]) -> NDArray[np.float64]:
         """(..., 2) lattice points (y, x) -> (..., 2) metres (x, y) in the submap's frame."""

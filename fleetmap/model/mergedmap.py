@@ -71,7 +71,7 @@ class MergedMap:
     def segments_xy(self) -> NDArray[np.float64]:
         """(n, 2, 2) metres: endpoints (x, y) of the edges in the component's frame."""
         points = self.edges[:, [X0, Y0, X1, Y1]].reshape(-1, 2, 2).astype(np.float64)
-        return points * (FLEET_UM * 1e-6)
+        return points * (FLEET_UM / 1e6)
 
     def bounds_m(self) -> tuple[float, float, float, float]:
         """(x_min, y_min, x_max, y_max) in metres; all 0 for an empty map."""
@@ -96,10 +96,10 @@ class MergedMap:
         step = round((resolution_m * 1e6 if resolution_m else self.resolution_um) / FLEET_UM)
         if step < 1:
             raise MapFormatError(
-                path="<merged map>", field="resolution_m", reason=f"expected at least {FLEET_UM * 1e-6} m"
+                path="<merged map>", field="resolution_m", reason=f"expected at least {FLEET_UM / 1e6} m"
             )
         states, low_yx = merged_states(self.edges, step)
-        cell_m = step * FLEET_UM * 1e-6
+        cell_m = step * FLEET_UM / 1e6
         return OccupancyGrid.from_states(states, cell_m, Pose2(low_yx[1] * cell_m, low_yx[0] * cell_m))
 
 

@@ -88,7 +88,7 @@ class FixedPose:
 
     def to_pose(self) -> Pose2:
         """The same transform in metres and radians."""
-        return Pose2(self.x_um * 1e-6, self.y_um * 1e-6, math.atan2(self.sin_q30, self.cos_q30))
+        return Pose2(self.x_um / 1e6, self.y_um / 1e6, math.atan2(self.sin_q30, self.cos_q30))
 
     def __matmul__(self, other: FixedPose) -> FixedPose:
         """Compose in Python integers; each component is rounded half up once."""

@@ -12,13 +12,13 @@ leak through a gap as it would in a flood fill. A wall then blocks
 from __future__ import annotations
 
 import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import MAX_CELLS
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
-
 from fleetmap.model.vectormap import THICKNESS_PER_CELL, VectorMap
 
 Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)

@@ -1,1 +1,8 @@
-"""``join()``, ``Peer`` and the links: the only room that knows Zenoh."""
+"""``join()`` and ``Peer``: the engine on a transport, for asyncio."""
+
+from fleetmap.peer.changes import Change
+from fleetmap.peer.info import PeerInfo, TeammateInfo
+from fleetmap.peer.join import join
+from fleetmap.peer.peer import Peer
+
+__all__ = ["Change", "Peer", "PeerInfo", "TeammateInfo", "join"]

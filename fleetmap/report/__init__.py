@@ -1,1 +1,7 @@
-"""Reports and figures of a run."""
+"""A run's report: one self-contained page, its picture and its charts."""
+
+from fleetmap.report.charts import Chart, Curve, colour
+from fleetmap.report.html import Report, write_report
+from fleetmap.report.picture import Trail, draw_map
+
+__all__ = ["Chart", "Curve", "Report", "Trail", "colour", "draw_map", "write_report"]

@@ -1,0 +1,133 @@
+"""The ledger: every payload, counted where it is sent, received or dropped, by kind and by robot.
+
+Beside it stand the baselines: what the same map updates would have cost as gzipped grids. One receiver is
+counted on both sides.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+MAX_SERIES = 4096
+"""Points kept of the time series; when it is full, every other one is dropped."""
+MAX_KEYS = 4096
+"""Different (robot, kind) pairs that are counted apart; all others count under ``other``."""
+
+
+@dataclass(slots=True)
+class Count:
+    """Messages and their payload bytes; only ever grows."""
+
+    messages: int = 0
+    size_bytes: int = 0
+
+    def add(self, size_bytes: int) -> None:
+        """Count one more message."""
+        self.messages += 1
+        self.size_bytes += size_bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Stats:
+    """What a ledger held at one moment. Every number only grows.
+
+    Parameters
+    ----------
+    sent : by kind: ``delta``, ``snapshot``, ``repair``, ``digest``, ``want``, ``list``, ``pose``, ``goal``
+    received, dropped : by (robot, kind); a drop's kind ends in its reason, as in ``delta/seq``
+    baselines : bytes by name, e.g. ``grid_gzip_full``, for the updates that were published
+    series : (t_s, bytes_vector, bytes_deltas, baselines...) each time an update was published
+    """
+
+    sent: Mapping[str, Count]
+    received: Mapping[tuple[str, str], Count]
+    dropped: Mapping[tuple[str, str], Count]
+    baselines: Mapping[str, int]
+    series: tuple[tuple[float, Mapping[str, int]], ...]
+
+    @property
+    def bytes_vector(self) -> int:
+        """Every byte handed to the link."""
+        return sum(count.size_bytes for count in self.sent.values())
+
+    @property
+    def bytes_deltas(self) -> int:
+        """The bytes of published deltas alone."""
+        return self.sent["delta"].size_bytes if "delta" in self.sent else 0
+
+    def to_json(self) -> dict[str, object]:
+        """The same as plain lists and dictionaries."""
+
+        def by_robot(counts: Mapping[tuple[str, str], Count]) -> dict[str, dict[str, list[int]]]:
+            out: defaultdict[str, dict[str, list[int]]] = defaultdict(dict)
+            for (robot, kind), count in sorted(counts.items()):
+                out[robot][kind] = [count.messages, count.size_bytes]
+            return dict(out)
+
+        return {
+            "bytes_vector": self.bytes_vector,
+            "bytes_deltas": self.bytes_deltas,
+            "sent": {kind: [c.messages, c.size_bytes] for kind, c in sorted(self.sent.items())},
+            "received": by_robot(self.received),
+            "dropped": by_robot(self.dropped),
+            **{f"bytes_{name}": size for name, size in sorted(self.baselines.items())},
+            "series": [[t_s, dict(sizes)] for t_s, sizes in self.series],
+        }
+
+
+@dataclass(slots=True)
+class Ledger:
+    """Counts payloads; may be used from several threads."""
+
+    _sent: defaultdict[str, Count] = field(default_factory=lambda: defaultdict(Count))
+    _received: dict[tuple[str, str], Count] = field(default_factory=dict)
+    _dropped: dict[tuple[str, str], Count] = field(default_factory=dict)
+    _baselines: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
+    _series: list[tuple[float, dict[str, int]]] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def sent(self, kind: str, size_bytes: int) -> None:
+        """A payload was handed to the link."""
+        with self._lock:
+            self._sent[kind].add(size_bytes)
+
+    def received(self, robot: str, kind: str, size_bytes: int) -> None:
+        """A payload came from the link."""
+        with self._lock:
+            self._bounded(self._received, robot, kind).add(size_bytes)
+
+    def dropped(self, robot: str, kind: str, size_bytes: int, *, reason: str) -> None:
+        """A payload was not used: a duplicate, malformed, out of order, or a queue was full."""
+        with self._lock:
+            self._bounded(self._dropped, robot, f"{kind}/{reason}").add(size_bytes)
+
+    def published(self, t_s: float, baselines: Mapping[str, int]) -> None:
+        """An update was published; ``baselines`` says what it would have cost otherwise, bytes by name."""
+        with self._lock:
+            for name, size_bytes in baselines.items():
+                self._baselines[name] += size_bytes
+            vector = sum(count.size_bytes for count in self._sent.values())
+            self._series.append((t_s, {"vector": vector, "deltas": self._sent["delta"].size_bytes, **self._baselines}))
+            if len(self._series) > MAX_SERIES:
+                del self._series[::2]
+
+    def stats(self) -> Stats:
+        """An immutable copy of all counts."""
+        with self._lock:
+            return Stats(
+                {kind: Count(c.messages, c.size_bytes) for kind, c in self._sent.items()},
+                {key: Count(c.messages, c.size_bytes) for key, c in self._received.items()},
+                {key: Count(c.messages, c.size_bytes) for key, c in self._dropped.items()},
+                dict(self._baselines),
+                tuple((t_s, dict(sizes)) for t_s, sizes in self._series),
+            )
+
+    @staticmethod
+    def _bounded(counts: dict[tuple[str, str], Count], robot: str, kind: str) -> Count:
+        key = (robot, kind)
+        if key not in counts and len(counts) >= MAX_KEYS:
+            key = ("other", "other")
+        return counts.setdefault(key, Count())

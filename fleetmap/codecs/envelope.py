@@ -1,0 +1,386 @@
+"""Messages: msgpack arrays, version and kind first. Every field is checked before anything is made of it.
+
+``encode`` writes any message, ``decode`` reads one and raises nothing but ``WireError``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, TypeVar
+
+import msgpack
+
+from fleetmap.model.errors import ConfigError, FleetmapError, WireError
+from fleetmap.model.lattice import EPSILON_CELLS, Lattice
+from fleetmap.model.pose import MAX_UM, Q30, FixedPose
+
+VERSION = 1
+NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+"""Names of robots, fleets, levels and submaps."""
+MAX_MESSAGE_BYTES = 16 << 20
+MAX_CHUNK_BYTES = 256 << 10
+MAX_CHUNKS = 64
+"""A snapshot has at most 16 MB."""
+MAX_ROWS = 4096
+"""Longest list in a message: submaps of a record, revisions of a list."""
+MAX_COUNTER = (1 << 32) - 1
+MAX_MM = MAX_UM // 1000
+PROFILES = ("share", "full", "exact")
+MAX_EPSILON_CELLS = 1000.0
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What holds for a whole stream: level, T_fleet_robot if it is known, and streams that its author revokes.
+
+    ``forgets`` names (robot, epoch): streams of that robot up to that epoch are to be dropped.
+    """
+
+    level: str = "0"
+    start: FixedPose | None = None
+    forgets: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MapHeader:
+    """What a vector map is besides its edges; the empty map of this header is a snapshot's base."""
+
+    lattice: Lattice
+    epsilon_cells: float = EPSILON_CELLS
+    profile: str = "share"
+
+
+@dataclass(frozen=True, slots=True)
+class SubmapChange:
+    """What changed in one submap; None means unchanged.
+
+    With a ``map_header`` the payload is a delta from the empty map of that header, else from the submap's map.
+    """
+
+    submap: str
+    anchor: FixedPose | None
+    map_header: MapHeader | None
+    payload: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """The step from one revision of a stream to the next, or from nothing to a revision."""
+
+    header: Header | None
+    submaps: tuple[SubmapChange, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """Which state of an author's stream: epoch, sequence number (0: nothing yet) and 64-bit digest."""
+
+    epoch: int
+    seq: int
+    digest: int
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One revision of an author's stream, as a change from the revision before it."""
+
+    KIND: ClassVar[int] = 1
+    revision: Revision
+    change: Change
+
+
+@dataclass(frozen=True, slots=True)
+class SnapshotChunk:
+    """Part ``index`` of ``count`` of a packed change from nothing to a revision."""
+
+    KIND: ClassVar[int] = 2
+    revision: Revision
+    index: int
+    count: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """How far the sender's own stream is, and one hash over the revisions of all streams that it holds."""
+
+    KIND: ClassVar[int] = 3
+    epoch: int
+    seq: int
+    held: int
+
+
+@dataclass(frozen=True, slots=True)
+class Want:
+    """The revision of a stream that the asker has; the answer is what it lacks. Epoch 0: it has none."""
+
+    KIND: ClassVar[int] = 4
+    revision: Revision
+
+
+@dataclass(frozen=True, slots=True)
+class RevisionList:
+    """All streams that the sender holds: (robot, revision), ascending."""
+
+    KIND: ClassVar[int] = 5
+    revisions: tuple[tuple[str, Revision], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMessage:
+    """Where the sender is in its map frame of that epoch: millimetres and milliradians."""
+
+    KIND: ClassVar[int] = 6
+    epoch: int
+    x_mm: int
+    y_mm: int
+    yaw_mrad: int
+
+
+@dataclass(frozen=True, slots=True)
+class GoalMessage:
+    """Where the sender is going, in its map frame, millimetres; None: nowhere."""
+
+    KIND: ClassVar[int] = 7
+    epoch: int
+    goal_mm: tuple[int, int] | None
+
+
+Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage
+
+
+def encode(message: Message) -> bytes:
+    """A message as bytes."""
+    match message:
+        case Record(revision, change):
+            fields = [*_revision_out(revision), *_change_out(change)]
+        case SnapshotChunk(revision, index, count, data):
+            fields = [*_revision_out(revision), index, count, data]
+        case Heartbeat(epoch, seq, held):
+            fields = [epoch, seq, held]
+        case Want(revision):
+            fields = [*_revision_out(revision)]
+        case RevisionList(revisions):
+            fields = [[[robot, *_revision_out(revision)] for robot, revision in revisions]]
+        case PoseMessage(epoch, x_mm, y_mm, yaw_mrad):
+            fields = [epoch, x_mm, y_mm, yaw_mrad]
+        case GoalMessage(epoch, goal_mm):
+            fields = [epoch, list(goal_mm) if goal_mm else None]
+    packed: bytes = msgpack.packb([VERSION, message.KIND, *fields])
+    return packed
+
+
+def decode(data: bytes, *, robot: str) -> Message:
+    """The message in ``data``, which came from ``robot``.
+
+    Raises
+    ------
+    WireError : the bytes are not a message of this version, or a field is out of its bounds
+    """
+    return _guarded(data, robot, lambda: _read_message(_unpack(data)))
+
+
+def encode_change(change: Change) -> bytes:
+    """A change on its own: what the chunks of a snapshot add up to."""
+    packed: bytes = msgpack.packb(_change_out(change))
+    return packed
+
+
+def decode_change(data: bytes, *, robot: str) -> Change:
+    """The change in ``data``; raises nothing but ``WireError``."""
+    return _guarded(data, robot, lambda: _read_change(_array(_unpack(data), 2)))
+
+
+def map_header_fields(header: MapHeader) -> list[object]:
+    """A map header as plain fields, for files."""
+    return [
+        header.lattice.resolution_um,
+        _pose_out(header.lattice.T_frame_lattice),
+        header.epsilon_cells,
+        PROFILES.index(header.profile),
+    ]
+
+
+def read_map_header(fields: object) -> MapHeader:
+    """The map header in unpacked fields; ``ValueError`` if they are none."""
+    resolution_um, T_frame_lattice, epsilon_cells, profile = _array(fields, 4)
+    pose = _read_pose(T_frame_lattice)
+    if pose is None:
+        raise ValueError("a lattice has no pose")
+    if not isinstance(epsilon_cells, float) or not 0 <= epsilon_cells <= MAX_EPSILON_CELLS:
+        raise ValueError(f"expected an error bound in [0, {MAX_EPSILON_CELLS}] cells")
+    return MapHeader(
+        Lattice(_integer(resolution_um, 1, MAX_COUNTER), pose),
+        epsilon_cells,
+        PROFILES[_integer(profile, 0, len(PROFILES) - 1)],
+    )
+
+
+def check_name(option: str, name: str) -> str:
+    """The name, if it is one.
+
+    Raises
+    ------
+    ConfigError : it is not 1 to 64 of the characters A-Z a-z 0-9 _ . -
+    """
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise ConfigError(option=option, value=name, reason="expected 1 to 64 of A-Z a-z 0-9 _ . -")
+    return name
+
+
+def _guarded(data: bytes, robot: str, read: Callable[[], T]) -> T:
+    try:
+        return read()
+    except (ValueError, TypeError, OverflowError, FleetmapError, msgpack.exceptions.UnpackException) as error:
+        raise WireError(robot=robot, size_bytes=len(data), reason=str(error) or type(error).__name__) from None
+
+
+def _unpack(data: bytes) -> object:
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise ValueError("too long")
+    unpacked: object = msgpack.unpackb(
+        data, use_list=False, max_str_len=64, max_array_len=MAX_ROWS, max_map_len=0, max_ext_len=0
+    )
+    return unpacked
+
+
+def _read_message(fields: object) -> Message:
+    if not isinstance(fields, tuple) or len(fields) < 2:
+        raise ValueError("expected an array that starts with version and kind")
+    version, kind, *rest = fields
+    if version != VERSION:
+        raise ValueError(f"version {version!r}; this one reads {VERSION}")
+    body = tuple(rest)
+    match kind:
+        case Record.KIND:
+            a = _array(body, 5)
+            return Record(_read_revision(a[:3]), _read_change(a[3:]))
+        case SnapshotChunk.KIND:
+            a = _array(body, 6)
+            count = _integer(a[4], 1, MAX_CHUNKS)
+            index = _integer(a[3], 0, count - 1)
+            return SnapshotChunk(_read_revision(a[:3]), index, count, _bytes(a[5], MAX_CHUNK_BYTES))
+        case Heartbeat.KIND:
+            return Heartbeat(*_read_revision_fields(_array(body, 3)))
+        case Want.KIND:
+            return Want(_read_revision(_array(body, 3)))
+        case RevisionList.KIND:
+            rows = [_array(row, 4) for row in _rows(_array(body, 1)[0])]
+            return RevisionList(tuple((_name(row[0]), _read_revision(row[1:])) for row in rows))
+        case PoseMessage.KIND:
+            a = _array(body, 4)
+            return PoseMessage(
+                _integer(a[0], 0, MAX_COUNTER),
+                _integer(a[1], -MAX_MM, MAX_MM),
+                _integer(a[2], -MAX_MM, MAX_MM),
+                _integer(a[3], -3142, 3142),
+            )
+        case GoalMessage.KIND:
+            a = _array(body, 2)
+            goal = None
+            if a[1] is not None:
+                x_mm, y_mm = _array(a[1], 2)
+                goal = (_integer(x_mm, -MAX_MM, MAX_MM), _integer(y_mm, -MAX_MM, MAX_MM))
+            return GoalMessage(_integer(a[0], 0, MAX_COUNTER), goal)
+    raise ValueError(f"unknown kind {kind!r}")
+
+
+def _revision_out(revision: Revision) -> list[int]:
+    return [revision.epoch, revision.seq, revision.digest]
+
+
+def _read_revision_fields(fields: tuple[object, ...]) -> tuple[int, int, int]:
+    epoch, seq, digest = fields
+    return _integer(epoch, 0, MAX_COUNTER), _integer(seq, 0, MAX_COUNTER), _integer(digest, 0, (1 << 64) - 1)
+
+
+def _read_revision(fields: tuple[object, ...]) -> Revision:
+    return Revision(*_read_revision_fields(fields))
+
+
+def _change_out(change: Change) -> list[object]:
+    header: list[object] | None = None
+    if change.header is not None:
+        header = [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]
+    submaps = [
+        [s.submap, _pose_out(s.anchor), map_header_fields(s.map_header) if s.map_header else None, s.payload]
+        for s in change.submaps
+    ]
+    return [header, submaps]
+
+
+def _read_change(fields: tuple[object, ...]) -> Change:
+    header = None
+    if fields[0] is not None:
+        level, start, forgets = _array(fields[0], 3)
+        pairs = [_array(pair, 2) for pair in _rows(forgets)]
+        header = Header(
+            _name(level), _read_pose(start), tuple((_name(r), _integer(e, 0, MAX_COUNTER)) for r, e in pairs)
+        )
+    rows = [_array(row, 4) for row in _rows(fields[1])]
+    return Change(
+        header,
+        tuple(
+            SubmapChange(
+                _name(name),
+                _read_pose(anchor),
+                None if map_header is None else read_map_header(map_header),
+                None if payload is None else _bytes(payload, MAX_MESSAGE_BYTES),
+            )
+            for name, anchor, map_header, payload in rows
+        ),
+    )
+
+
+def _pose_out(pose: FixedPose | None) -> list[int] | None:
+    """None stays None; the identity, which most anchors are, is an empty array."""
+    if pose is None:
+        return None
+    return [] if pose == FixedPose() else [pose.x_um, pose.y_um, pose.cos_q30, pose.sin_q30]
+
+
+def _read_pose(fields: object) -> FixedPose | None:
+    if fields is None or fields == ():
+        return None if fields is None else FixedPose()
+    x_um, y_um, cos_q30, sin_q30 = _array(fields, 4)
+    return FixedPose(
+        _integer(x_um, -MAX_UM, MAX_UM),
+        _integer(y_um, -MAX_UM, MAX_UM),
+        _integer(cos_q30, -Q30, Q30),
+        _integer(sin_q30, -Q30, Q30),
+    )
+
+
+def _array(value: object, length: int) -> tuple[object, ...]:
+    if not isinstance(value, tuple) or len(value) != length:
+        raise ValueError(f"expected an array of {length}")
+    return value
+
+
+def _rows(value: object) -> tuple[object, ...]:
+    if not isinstance(value, tuple):
+        raise ValueError("expected an array")
+    return value
+
+
+def _integer(value: object, low: int, high: int) -> int:
+    # bool is an int to Python, and not to msgpack.
+    if type(value) is not int or not low <= value <= high:
+        raise ValueError(f"expected a whole number in [{low}, {high}]")
+    return value
+
+
+def _bytes(value: object, longest: int) -> bytes:
+    if not isinstance(value, bytes) or len(value) > longest:
+        raise ValueError(f"expected at most {longest} bytes")
+    return value
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str) or not NAME.fullmatch(value):
+        raise ValueError("expected a name of 1 to 64 of A-Z a-z 0-9 _ . -")
+    return value

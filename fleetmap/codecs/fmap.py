@@ -1,0 +1,148 @@
+"""``.fmap`` files: a vector map or a merged map, in the bytes that travel between robots.
+
+``FMAP``, then one msgpack array: version, kind, what the map is besides its edges, its edges, its digest.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import msgpack
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.codecs import protocol
+from fleetmap.codecs.deflate import deflate, inflate
+from fleetmap.codecs.envelope import VERSION, MapHeader, map_header_fields, read_map_header
+from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
+from fleetmap.model.delta import apply, diff
+from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
+from fleetmap.model.lattice import MAX_COORDINATE
+from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.vectormap import VectorMap
+
+MAGIC = b"FMAP"
+KIND_VECTOR, KIND_MERGED = 1, 2
+MAX_FILE_BYTES = 64 << 20
+MAX_INFLATED_BYTES = 16 << 20
+
+T = TypeVar("T")
+
+
+def save_fmap(fleet_map: VectorMap | MergedMap, path: str | Path) -> None:
+    """Write a map; the file appears whole or not at all.
+
+    Raises
+    ------
+    OSError : the folder can't be written
+    """
+    if isinstance(fleet_map, VectorMap):
+        header = MapHeader(fleet_map.lattice, fleet_map.epsilon_cells, fleet_map.profile)
+        empty = _empty(header)
+        payload = protocol.encode(diff(empty, fleet_map), empty)
+        fields = [VERSION, KIND_VECTOR, map_header_fields(header), payload, fleet_map.digest]
+    else:
+        about = [fleet_map.resolution_um, fleet_map.tolerance, len(fleet_map)]
+        fields = [VERSION, KIND_MERGED, about, _pack_merged(fleet_map.edges), int(fleet_map.digest, 16)]
+    path = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(MAGIC + msgpack.packb(fields))
+        os.chmod(temporary, 0o644)  # mkstemp makes files that only the owner reads
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def load_fmap(path: str | Path) -> VectorMap | MergedMap:
+    """Read a map.
+
+    Raises
+    ------
+    MapFormatError : the file is missing or is no .fmap file, a field is out of bounds, or the digest doesn't fit
+    """
+    path = Path(path)
+
+    def check(field: str, read: Callable[[], T]) -> T:
+        try:
+            return read()
+        except WireError as error:
+            raise MapFormatError(path=path, field=field, reason=error.reason) from None
+        except (ValueError, TypeError, OverflowError, FleetmapError, msgpack.exceptions.UnpackException) as error:
+            raise MapFormatError(path=path, field=field, reason=str(error) or type(error).__name__) from None
+
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise MapFormatError(path=path, field="file", reason=error.strerror or str(error)) from None
+    if len(data) > MAX_FILE_BYTES or not data.startswith(MAGIC):
+        reason = f"expected {MAGIC!r} and at most {MAX_FILE_BYTES} B"
+        raise MapFormatError(path=path, field="file", reason=reason)
+    kind, about, payload, digest = check("envelope", lambda: _unpack(data[len(MAGIC) :]))
+    if kind == KIND_VECTOR:
+        base = check("header", lambda: _empty(read_map_header(about)))
+        vector_map = check("edges", lambda: apply(base, protocol.decode(payload, base, robot="file")))
+        found: VectorMap | MergedMap = vector_map
+        matches = vector_map.digest == digest
+    else:
+        merged = check("edges", lambda: _read_merged(about, payload))
+        found, matches = merged, int(merged.digest, 16) == digest
+    if not matches:
+        raise MapFormatError(path=path, field="digest", reason="the file is damaged: its map has another digest")
+    return found
+
+
+def _empty(header: MapHeader) -> VectorMap:
+    return VectorMap.empty(header.lattice, epsilon_cells=header.epsilon_cells, profile=header.profile)
+
+
+def _unpack(data: bytes) -> tuple[int, tuple[object, ...], bytes, int]:
+    fields = msgpack.unpackb(
+        data, use_list=False, max_array_len=16, max_str_len=0, max_map_len=0, max_ext_len=0, max_bin_len=len(data)
+    )
+    if not isinstance(fields, tuple) or len(fields) != 5:
+        raise ValueError("expected an array of 5")
+    version, kind, about, payload, digest = fields
+    if version != VERSION or kind not in (KIND_VECTOR, KIND_MERGED):
+        raise ValueError(f"version {version!r}, kind {kind!r}; this one reads version {VERSION}, kinds 1 and 2")
+    if not isinstance(about, tuple) or not isinstance(payload, bytes) or type(digest) is not int:
+        raise ValueError("expected an array, bytes and a number")
+    return kind, about, payload, digest
+
+
+def _pack_merged(edges: NDArray[np.int32]) -> bytes:
+    """Column after column: y0 as steps up, x0 as steps, the other end from the first, sides, thickness."""
+    y0, x0, y1, x1, left, right, obstacle, thickness = edges.astype(np.int64).T
+    columns = [
+        zigzag(np.diff(y0, prepend=0)),
+        zigzag(np.diff(x0, prepend=0)),
+        y1 - y0,
+        zigzag(x1 - x0),
+        left + 3 * right + 9 * obstacle,
+        thickness,
+    ]
+    return deflate(encode_leb128(np.concatenate(columns)))
+
+
+def _read_merged(about: tuple[object, ...], payload: bytes) -> MergedMap:
+    resolution_um, tolerance, count = (value if type(value) is int else -1 for value in (*about, -1, -1, -1)[:3])
+    if len(about) != 3 or not (0 < resolution_um <= 10**7 and 0 <= tolerance <= MAX_COORDINATE and count >= 0):
+        raise ValueError("expected a resolution in um, a tolerance in lattice steps, and a number of edges")
+    numbers = decode_leb128(inflate(payload, max_bytes=MAX_INFLATED_BYTES))
+    if len(numbers) != 6 * count:
+        raise ValueError(f"expected {6 * count} numbers; found {len(numbers)}")
+    up, along, dy, dx, sides, thickness = numbers.reshape(6, count)
+    if count and max(int(dy.max()), int(thickness.max())) > 2 * MAX_COORDINATE:
+        raise ValueError("an edge or a thickness is too long")
+    y0, x0 = np.cumsum(unzigzag(up)), np.cumsum(unzigzag(along))
+    rows = np.column_stack([y0, x0, y0 + dy, x0 + unzigzag(dx), sides % 3, sides // 3 % 3, sides // 9, thickness])
+    if count and (np.abs(rows[:, :4]).max() > MAX_COORDINATE or sides.max() > 17):
+        raise ValueError("a coordinate or a side is out of bounds")
+    return MergedMap(rows.astype(np.int32), resolution_um, tolerance)

@@ -1,0 +1,169 @@
+"""Integer kernels of the snapping.
+
+Why int64 suffices: points compared lie within ``reach`` <= 2^13 of each other or of an edge's box (at most 2^16
+along an axis); an edge's direction times a tangent, the sum of a vertex's edges, stays below 2^40 for up to
+2^7 edges at a vertex of one source, and below 2^63 for 2^29 of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fleetmap.merge.select_kernels import pair_cell, within
+
+Ints = NDArray[np.int64]
+
+
+@njit("int64[:, ::1](int64[:, ::1], int64[::1], int64[:, ::1], int64[::1], int64)", cache=True, nogil=True)
+def close_pairs(at: Ints, source: Ints, tangent: Ints, cell: Ints, reach_cells: int) -> Ints:
+    """Rows (distance^2, i, j), i < j, of vertices of different sources within reach whose boundaries run alike.
+
+    ``at``: (n, 2) points (y, x), ascending; ``cell``: the cell size of each source. The reach of a pair is
+    ``reach_cells`` cells, see ``pair_cell``.
+    """
+    out = np.empty((64, 3), np.int64)
+    n = 0
+    for i in range(len(at)):
+        for j in range(i + 1, len(at)):
+            dy, dx = at[j, 0] - at[i, 0], at[j, 1] - at[i, 1]
+            if dy > 2 * reach_cells * cell[source[i]]:
+                break
+            reach = reach_cells * pair_cell(cell[source[i]], cell[source[j]])
+            if abs(dx) > reach or source[i] == source[j] or dy * dy + dx * dx > reach * reach:
+                continue
+            if tangent[i, 0] * tangent[j, 0] + tangent[i, 1] * tangent[j, 1] <= 0:
+                continue
+            if n == len(out):
+                more = np.empty((2 * n, 3), np.int64)
+                more[:n] = out
+                out = more
+            out[n, 0], out[n, 1], out[n, 2] = dy * dy + dx * dx, i, j
+            n += 1
+    return out[:n].copy()
+
+
+@njit("int64[::1](int64[:, ::1], int64[::1])", cache=True, nogil=True)
+def stars(pairs: Ints, source: Ints) -> Ints:
+    """Which vertex each vertex moves to: pairs in order, each vertex at most once, one per source at a star.
+
+    A vertex that others move to stays where it is, so nothing moves farther than its pair's distance.
+    """
+    centre = np.full(len(source), -1, np.int64)
+    following = np.full(len(source), -1, np.int64)  # the members of a star, as a list from its centre
+    for k in range(len(pairs)):
+        i, j = pairs[k, 1], pairs[k, 2]
+        if centre[i] < 0 and centre[j] < 0:
+            centre[i] = i
+        elif centre[j] == j and centre[i] < 0:
+            i, j = j, i
+        if centre[i] != i or centre[j] >= 0:
+            continue
+        taken = False
+        m = i
+        while m >= 0:
+            if source[m] == source[j]:
+                taken = True
+                break
+            m = following[m]
+        if not taken:
+            centre[j] = i
+            following[j] = following[i]
+            following[i] = j
+    for i in range(len(centre)):
+        if centre[i] < 0:
+            centre[i] = i
+    return centre
+
+
+@njit(
+    "Tuple((int64[:, ::1], int64[::1]))"
+    "(int64[:, ::1], int64[:, ::1], int64[::1], int64[:, ::1], int64[::1], int64[::1], int64[:, ::1], int64[::1],"
+    " int64)",
+    cache=True,
+    nogil=True,
+)
+def through_vertices(
+    before: Ints,
+    after: Ints,
+    owner: Ints,
+    at: Ints,
+    first: Ints,
+    source: Ints,
+    tangent: Ints,
+    cell: Ints,
+    reach_cells: int,
+) -> tuple[Ints, Ints]:
+    """Lead directed edges through the vertices of other sources that they pass within reach.
+
+    ``before`` and ``after``: (n, 4) the edges before and after their ends were snapped; ``owner`` their
+    sources. ``at``: (m, 2) ascending positions of vertices; those of position k are the entries
+    ``first[k]:first[k + 1]`` of ``source`` and ``tangent``. Returns pieces (k, 4) and the edge behind each.
+    """
+    pieces = np.empty((len(before) + 64, 4), np.int64)
+    behind = np.empty(len(before) + 64, np.int64)
+    n = 0
+    along = np.empty(len(at), np.int64)
+    found = np.empty(len(at), np.int64)
+    for i in range(len(before)):
+        ay, ax, by, bx = before[i, 0], before[i, 1], before[i, 2], before[i, 3]
+        dy, dx = by - ay, bx - ax
+        farthest = 2 * reach_cells * cell[owner[i]]
+        y_low, y_high = min(ay, by) - farthest, max(ay, by) + farthest
+        x_low, x_high = min(ax, bx) - farthest, max(ax, bx) + farthest
+        low, high = 0, len(at)
+        while low < high:
+            middle = (low + high) // 2
+            if at[middle, 0] < y_low:
+                low = middle + 1
+            else:
+                high = middle
+        m = 0
+        for k in range(low, len(at)):
+            py, px = at[k, 0], at[k, 1]
+            if py > y_high:
+                break
+            if px < x_low or px > x_high:
+                continue
+            own, passed = False, False
+            for q in range(first[k], first[k + 1]):
+                if source[q] == owner[i]:
+                    own = True
+                    break
+                if dy * tangent[q, 0] + dx * tangent[q, 1] <= 0:
+                    continue
+                reach = reach_cells * pair_cell(cell[owner[i]], cell[source[q]])
+                near_a = (py - ay) ** 2 + (px - ax) ** 2 <= reach * reach
+                near_b = (py - by) ** 2 + (px - bx) ** 2 <= reach * reach
+                if not near_a and not near_b and within(py, px, ay, ax, by, bx, reach):
+                    passed = True
+            if own or not passed:
+                continue
+            position = dy * (py - ay) + dx * (px - ax)
+            q = m
+            while q > 0 and along[q - 1] > position:  # ties keep the order of the points
+                along[q], found[q] = along[q - 1], found[q - 1]
+                q -= 1
+            along[q], found[q] = position, k
+            m += 1
+        y, x = after[i, 0], after[i, 1]
+        for q in range(m + 1):
+            if q < m:
+                py, px = at[found[q], 0], at[found[q], 1]
+            else:
+                py, px = after[i, 2], after[i, 3]
+            if py == y and px == x:
+                continue
+            if n == len(pieces):
+                more = np.empty((2 * n, 4), np.int64)
+                more[:n] = pieces
+                pieces = more
+                more_behind = np.empty(2 * n, np.int64)
+                more_behind[:n] = behind
+                behind = more_behind
+            pieces[n, 0], pieces[n, 1], pieces[n, 2], pieces[n, 3] = y, x, py, px
+            behind[n] = i
+            n += 1
+            y, x = py, px
+    return pieces[:n].copy(), behind[:n].copy()

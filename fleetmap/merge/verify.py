@@ -1,0 +1,69 @@
+"""An independent check of a merged map: an arrangement that keeps the laws of merging.
+
+Shares no code with the fold. It may use floats and shapely, for it decides nothing: a diagnostic and an oracle
+for the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fleetmap.merge.protocol import Source
+from fleetmap.model.mergedmap import FLEET_UM, MergedMap
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One place where a merged map breaks a law.
+
+    Parameters
+    ----------
+    law : ``canonical``, ``crossing``, ``face``, ``safety`` (3), ``door`` (4), ``accuracy`` (5) or ``free``
+    at_xy_m : where, metres in the component's frame
+    reason : what was found and what was expected
+    """
+
+    law: str
+    at_xy_m: tuple[float, float]
+    reason: str
+
+
+def verify(sources: Iterable[Source], merged: MergedMap, *, spacing: int = 5) -> list[Violation]:
+    """Check ``merged`` against the ``sources`` that it was folded from.
+
+    Parameters
+    ----------
+    sources : those that the fold took: what it left out (``refusal``) must not be among them
+    spacing : lattice steps between the points at which the laws 3 to 5 are tested along walls
+
+    Returns
+    -------
+    What is wrong, and where; empty if all is well
+
+    Notes
+    -----
+    - canonical: rows ascend, none twice, lower end first, states and flags in range; an edge that is no wall
+      has free space on exactly one side.
+    - crossing: edges meet only at vertices (exact, in integers).
+    - face: all edges around a face agree on whether it is free, and what is outside of everything isn't.
+    - safety and accuracy: each wall of a source lies within the tolerance of a merged wall, and the reverse.
+    - free: farther than the tolerance from every boundary of a source, space is free exactly if a source
+      says so.
+    - door: free space keeps its clearance to walls, as far as free space reached around it, less half the
+      tolerance: a gap that was seen as free and is wider than the tolerance stays open.
+    """
+    from fleetmap.merge.verify_laws import check_accuracy, check_space
+    from fleetmap.merge.verify_planar import check_canonical, check_crossings, check_faces
+
+    sources = list(sources)
+    rows = [tuple(row) for row in merged.edges.tolist()]
+    found = [*check_canonical(rows)]
+    if not found:
+        found += check_crossings(rows)
+    if not found:  # faces are only defined in an arrangement
+        found += check_faces(rows)
+    found += check_accuracy(sources, merged, spacing)
+    found += check_space(sources, merged)
+    step_m = FLEET_UM * 1e-6
+    return [Violation(law, (float(x) * step_m, float(y) * step_m), reason) for law, y, x, reason in found]

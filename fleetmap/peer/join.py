@@ -1,0 +1,75 @@
+"""``fleetmap.join``: where a robot enters the fleet."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping, Sequence
+
+from fleetmap.codecs.envelope import check_name
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.pose import Pose2
+from fleetmap.peer.link import Link
+from fleetmap.peer.peer import Peer
+
+
+def join(
+    robot: str,
+    *,
+    fleet: str = "default",
+    level: str = "0",
+    start: Pose2 | None = None,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    profile: str = "lan",
+    config: Mapping[str, object] | None = None,
+    heartbeat_s: float = 2.0,
+    fold_interval_s: float = 0.2,
+    baselines: bool = True,
+    link: Link | None = None,
+) -> Peer:
+    """Join a fleet: ``async with fleetmap.join("r7", fleet="site-4") as peer: ...``.
+
+    Parameters
+    ----------
+    robot : own name, 1 to 64 of A-Z a-z 0-9 _ . -; unique among the living peers of the fleet
+    fleet : robots of one fleet share their maps
+    level : storey; frames of different levels are never merged
+    start : T_fleet_robot, where the robot's map frame lies in the fleet's; None if that is unknown
+    connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
+    profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone
+    config : further Zenoh settings, configuration key -> value; they override the profile's
+    heartbeat_s : how often the own revision is announced
+    fold_interval_s : at least so long between two folds that nobody waits for
+    baselines : count at each publish what the grid would have cost, gzipped
+    link : another transport than Zenoh, for tests
+
+    Returns
+    -------
+    Peer : not yet connected; ``async with`` connects and closes it, ``await`` connects it
+
+    Raises
+    ------
+    ConfigError : an option has an impossible value
+    NameInUse : on connecting: a living peer has this name
+    LinkError : on connecting: the transport could not be opened
+    """
+    for option, name in (("robot", robot), ("fleet", fleet), ("level", level)):
+        check_name(option, name)
+    if not heartbeat_s > 0:
+        raise ConfigError(option="heartbeat_s", value=heartbeat_s, reason="expected more than 0")
+    if link is None:
+        # Zenoh takes 33 MB; a program that only works on maps never loads it.
+        from fleetmap.peer.zenoh_link import ZenohLink
+
+        link = ZenohLink(robot, fleet=fleet, profile=profile, listen=listen, connect=connect, config=config)
+    return Peer(
+        robot,
+        fleet=fleet,
+        level=level,
+        start=start,
+        link=link,
+        instance=secrets.token_hex(4),
+        heartbeat_s=heartbeat_s,
+        fold_interval_s=fold_interval_s,
+        baselines=baselines,
+    )

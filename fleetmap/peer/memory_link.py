@@ -1,0 +1,237 @@
+"""A link within one process, for tests: what is lost, late, doubled or cut is decided by a script.
+
+``fleetmap.join("r1", link=MemoryHub(LoopClock()).link("r1"))`` joins a fleet that is in memory. With a
+``FakeClock``, engines are driven without an event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from fleetmap.peer.link import Receiver, Token
+
+ASK_TIMEOUT_S = 3.0
+
+
+class Clock(Protocol):
+    """Something that calls back later."""
+
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
+        """Call after so many seconds."""
+        ...
+
+
+class FakeClock:
+    """A clock that moves when it is told to."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self._calls: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+
+    def __call__(self) -> float:
+        """Seconds since it was made."""
+        return self.now_s
+
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
+        """Call when the clock has moved so far; calls of one instant keep their order."""
+        heapq.heappush(self._calls, (self.now_s + delay_s, next(self._order), call))
+
+    def advance(self, seconds: float) -> None:
+        """Move on, and make all calls that fall due."""
+        until_s = self.now_s + seconds
+        while self._calls and self._calls[0][0] <= until_s:
+            self.now_s, _, call = heapq.heappop(self._calls)
+            call()
+        self.now_s = until_s
+
+
+class LoopClock:
+    """The clock of the running event loop; may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._loop = asyncio.get_running_loop()
+
+    def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
+        """Call on the loop after so many seconds."""
+        self._loop.call_soon_threadsafe(self._loop.call_later, delay_s, call)
+
+
+Fate = Callable[[str, str, str], Sequence[float]]
+"""(sender, receiver, suffix) -> the delays in seconds of the copies that arrive; none: the payload is lost."""
+
+
+def arrives(sender: str, receiver: str, suffix: str) -> Sequence[float]:
+    """Every payload arrives once, at once."""
+    return (0.0,)
+
+
+class MemoryHub:
+    """The medium that links share."""
+
+    def __init__(self, clock: Clock, *, fate: Fate = arrives) -> None:
+        self.clock, self.fate = clock, fate
+        self._links: dict[str, MemoryLink] = {}
+        self._cuts: set[frozenset[str]] = set()
+
+    def link(self, robot: str) -> MemoryLink:
+        """A new link for a robot. An older one of that name stays, as a second session would."""
+        return MemoryLink(self, robot)
+
+    def cut(self, a: str, b: str) -> None:
+        """Part two robots: nothing passes, and each sees the other's token vanish."""
+        self._cuts.add(frozenset((a, b)))
+        for one, other in ((a, b), (b, a)):
+            for link in self._named(one):
+                for token in self._tokens(other):
+                    link.see(token, alive=False)
+
+    def heal(self, a: str, b: str) -> None:
+        """Undo a cut."""
+        self._cuts.discard(frozenset((a, b)))
+        for one, other in ((a, b), (b, a)):
+            for link in self._named(one):
+                for token in self._tokens(other):
+                    link.see(token, alive=True)
+
+    def reaches(self, a: str, b: str) -> bool:
+        """Whether ``a`` can send to ``b`` now."""
+        return frozenset((a, b)) not in self._cuts
+
+    def others(self, link: MemoryLink) -> list[MemoryLink]:
+        """The open links that a link can send to."""
+        return [o for o in self._links.values() if o is not link and self.reaches(link.robot, o.robot)]
+
+    def attach(self, link: MemoryLink) -> None:
+        """A link opened."""
+        self._links[f"{link.robot}/{id(link)}"] = link
+
+    def detach(self, link: MemoryLink) -> None:
+        """A link closed."""
+        self._links.pop(f"{link.robot}/{id(link)}", None)
+
+    def carry(self, sender: str, receiver: str, suffix: str, deliver: Callable[[], None]) -> None:
+        """Let a payload meet its fate."""
+        for delay_s in self.fate(sender, receiver, suffix):
+            self.clock.call_later(delay_s, deliver)
+
+    def _named(self, robot: str) -> list[MemoryLink]:
+        return [link for link in self._links.values() if link.robot == robot]
+
+    def _tokens(self, robot: str) -> list[Token]:
+        return [link.token for link in self._named(robot) if link.token is not None]
+
+
+class MemoryLink:
+    """A robot's end of a ``MemoryHub``."""
+
+    def __init__(self, hub: MemoryHub, robot: str) -> None:
+        self.robot = robot
+        self.token: Token | None = None
+        self._hub = hub
+        self._receiver: Receiver | None = None
+
+    async def open(self, receiver: Receiver) -> list[Token]:
+        """Connect; returns the peers that are alive."""
+        return self.connect(receiver)
+
+    def connect(self, receiver: Receiver) -> list[Token]:
+        """What ``open`` does, for tests without an event loop."""
+        self._receiver = receiver
+        self._hub.attach(self)
+        tokens = [other.token for other in self._hub.others(self) if other.token is not None]
+        for token in tokens:
+            self.see(token, alive=True)
+        return tokens
+
+    async def declare_alive(self, epoch: int, instance: str) -> None:
+        """Show the own token, instead of the one before."""
+        self.show(Token(self.robot, epoch, instance))
+
+    def show(self, token: Token | None) -> None:
+        """What ``declare_alive`` does, for tests without an event loop; None takes the token away."""
+        before, self.token = self.token, token
+        for other in self._hub.others(self):
+            if token is not None:
+                other.see(token, alive=True)
+            if before is not None:
+                other.see(before, alive=False)
+
+    def see(self, token: Token, *, alive: bool) -> None:
+        """Another link's token appeared or vanished."""
+        self._hub.clock.call_later(0.0, lambda: self._see(token, alive=alive))
+
+    def put(self, suffix: str, payload: bytes) -> None:
+        """Publish under the own key."""
+        if self._receiver is None:
+            return
+        for other in self._hub.others(self):
+            self._hub.carry(
+                self.robot,
+                other.robot,
+                suffix,
+                lambda o=other: o.receive(self.robot, suffix, payload),  # type: ignore[misc]
+            )
+
+    def receive(self, robot: str, suffix: str, payload: bytes) -> None:
+        """A sample of another robot arrives."""
+        if self._receiver is not None and self._hub.reaches(robot, self.robot):
+            self._receiver.message(robot, suffix, payload)
+
+    def ask(
+        self, robot: str, suffix: str, payload: bytes, *, on_reply: Callable[[bytes], None], on_end: Callable[[], None]
+    ) -> None:
+        """Query another robot's key; the replies end with the last one, or after a timeout."""
+        asked = [o for o in self._hub.others(self) if robot in ("*", o.robot)] if self._receiver else []
+        waiting = len(asked)
+        ended = False
+
+        def end() -> None:
+            nonlocal ended
+            if not ended:
+                ended = True
+                on_end()
+
+        def answered(other: MemoryLink, replies: Sequence[bytes]) -> None:
+            nonlocal waiting
+            for reply in replies:
+                self._hub.carry(other.robot, self.robot, "reply", lambda r=reply: None if ended else on_reply(r))  # type: ignore[misc]
+            waiting -= 1
+            if waiting == 0:
+                # Behind the replies that arrive at once.
+                self._hub.clock.call_later(0.0, end)
+
+        if not asked:
+            self._hub.clock.call_later(0.0, end)
+            return
+        self._hub.clock.call_later(ASK_TIMEOUT_S, end)
+        for other in asked:
+            self._hub.carry(
+                self.robot,
+                other.robot,
+                suffix,
+                lambda o=other: o.asked(suffix, payload, lambda r: answered(o, r)),  # type: ignore[misc]
+            )
+
+    def asked(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
+        """A question arrives."""
+        if self._receiver is not None:
+            self._receiver.query(suffix, payload, reply)
+
+    async def close(self) -> None:
+        """Disconnect."""
+        self.vanish()
+
+    def vanish(self) -> None:
+        """What ``close`` does, for tests without an event loop: also what a killed process looks like."""
+        self.show(None)
+        self._hub.detach(self)
+        self._receiver = None
+
+    def _see(self, token: Token, *, alive: bool) -> None:
+        if self._receiver is not None:
+            (self._receiver.alive if alive else self._receiver.gone)(token)

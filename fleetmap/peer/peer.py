@@ -1,0 +1,405 @@
+"""``Peer``: one robot in the fleet, for asyncio. A thin shell: the engine decides, the link carries.
+
+The engine runs in a thread of its own, one call at a time, and the fold in another, so that the event loop
+never waits for either.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncGenerator, Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from types import TracebackType
+from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
+
+from fleetmap.accounting import Ledger, Stats
+from fleetmap.engine import Ask, Changed, Engine, EpochChanged, NameTaken, PeersChanged, Put
+from fleetmap.engine.view import View, view
+from fleetmap.model.errors import FleetmapError, LinkError, NameInUse
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.vectormap import VectorMap
+from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
+from fleetmap.peer.discovery import find_epoch
+from fleetmap.peer.folder import Folder
+from fleetmap.peer.inbox import Alive, Gone, Inbox, Item, Message, Query, Reply, ReplyEnd
+from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, peer_infos, teammate_infos
+from fleetmap.peer.link import Link
+from fleetmap.peer.publisher import GridPublisher
+
+if TYPE_CHECKING:
+    from fleetmap.planners.protocol import Path
+
+logger = logging.getLogger(__name__)
+
+TICK_S = 0.1
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Peer:
+    """A robot of the fleet. Made by ``fleetmap.join``; use it as ``async with``, or await it and ``close`` it.
+
+    Parameters
+    ----------
+    robot, fleet, level : names
+    start : T_fleet_robot, None while it is unknown
+    link : the transport
+    instance : tells two living peers of one name apart
+    clock : seconds, only ever growing
+    fold_interval_s : at least so long between two folds that nobody waits for
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        fleet: str,
+        level: str,
+        start: Pose2 | None,
+        link: Link,
+        instance: str,
+        clock: Callable[[], float] = time.monotonic,
+        fold_interval_s: float = 0.2,
+        heartbeat_s: float = 2.0,
+        baselines: bool = True,
+    ) -> None:
+        self.robot, self.fleet, self.level = robot, fleet, level
+        self._instance, self._clock, self._link = instance, clock, link
+        self._ledger = Ledger()
+        fixed = None if start is None else FixedPose.from_pose(start)
+        self._make_engine = partial(
+            Engine, robot, instance=instance, level=level, start=fixed, heartbeat_s=heartbeat_s, ledger=self._ledger
+        )
+        # Checks the names now, and not when the link is open.
+        self._engine = self._make_engine(epoch=1)
+        self._publisher = GridPublisher(self._ledger, baselines=baselines)
+        self._folder = Folder(self._look, interval_s=fold_interval_s, clock=clock)
+        self.stepped = asyncio.Condition()
+        self._tasks: list[asyncio.Task[None]] = []
+        self._failure: FleetmapError | None = None
+        self._state = "new"
+
+    # Life
+
+    def __await__(self) -> object:
+        """``peer = await fleetmap.join(...)``; call ``close`` when done."""
+        return self._open().__await__()
+
+    async def __aenter__(self) -> Self:
+        return await self._open()
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def _open(self) -> Self:
+        if self._state != "new":
+            raise LinkError(endpoint=self.fleet, reason="a peer can be opened once; call join again")
+        self._state = "open"
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix=f"fleetmap-{self.robot}")
+        self._inbox = Inbox(asyncio.get_running_loop(), self._ledger)
+        try:
+            tokens = await self._link.open(self._inbox)
+            if any(token.robot == self.robot for token in tokens):
+                raise NameInUse(robot=self.robot, fleet=self.fleet)
+            epoch = await find_epoch(self._link, self.robot, timeout_s=1.0 if tokens else 0.2)
+            self._engine = self._make_engine(epoch=epoch)
+            await self._link.declare_alive(epoch, self._instance)
+        except BaseException:
+            await self.close()
+            raise
+        for token in tokens:
+            self._inbox.alive(token)
+        self._tasks = [asyncio.create_task(self._pump()), asyncio.create_task(self._folder.run())]
+        return self
+
+    async def close(self) -> None:
+        """Leave the fleet; the map stays with the others. May be called twice."""
+        if self._state in ("new", "closed"):
+            self._state = "closed"
+            return
+        self._state = "closed"
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._inbox.close()
+        await self._link.close()
+        self._executor.shutdown(wait=False)
+        self._folder.close()
+        async with self.stepped:
+            self.stepped.notify_all()
+
+    # Say
+
+    async def publish(
+        self, source: OccupancyGrid | VectorMap, *, submap: str = "0", anchor: Pose2 | None = None
+    ) -> bool:
+        """Share a map. A grid is vectorized; what changed since the last one goes to the fleet.
+
+        Parameters
+        ----------
+        source : the submap as it is now
+        submap : its name, for robots that have several
+        anchor : T_robot_submap; a correction of it resends no geometry
+
+        Returns
+        -------
+        bool : False if nothing changed, and so nothing was sent
+
+        Raises
+        ------
+        NameInUse : another living peer turned out to have this name, and was first
+        LinkError : the peer is closed
+        ConfigError, MapFormatError : the map or a name is not what it must be
+        """
+        self._check()
+        fixed = FixedPose.from_pose(anchor or Pose2())
+        return await self._publisher.publish(submap, source, partial(self._run_publish, fixed), clock=self._clock)
+
+    async def set_pose(self, pose: Pose2) -> None:
+        """Announce where the robot is, in its map frame."""
+        self._check()
+        await self._run(self._engine.set_pose, pose.x_m, pose.y_m, pose.yaw_rad)
+
+    async def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
+        """Announce where the robot is going, in its map frame; None: nowhere."""
+        self._check()
+        await self._run(self._engine.set_goal, goal_xy)
+
+    async def set_start(self, start: Pose2 | None) -> None:
+        """Announce where the own map frame lies in the fleet's."""
+        self._check()
+        await self._run(self._engine.set_start, None if start is None else FixedPose.from_pose(start))
+
+    async def forget(self, robot: str) -> None:
+        """Drop what an absent robot has said, here and at every peer. One that still lives comes back.
+
+        Raises
+        ------
+        ConfigError : no map of that robot is held
+        """
+        self._check()
+        await self._run(self._engine.forget, robot)
+
+    # See
+
+    @property
+    def merged(self) -> MergedMap:
+        """The merged map of the own component as it was folded last; ``refresh`` brings it up to date."""
+        return self._folder.merged
+
+    @property
+    def revisions(self) -> RevisionVector:
+        """What ``merged`` was made of."""
+        return self._folder.revisions
+
+    @property
+    def epoch(self) -> int:
+        """Which life of this robot's map frame it is."""
+        return self._engine.own.epoch
+
+    @property
+    def T_fleet_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
+        """Where the own map frame lies in the fleet's; None while it is unknown."""
+        start = self._engine.own.header.start
+        return None if start is None else start.to_pose()
+
+    @property
+    def peers(self) -> list[PeerInfo]:
+        """All other robots that are known, living and absent, by name; their latest epoch."""
+        return peer_infos(self._engine)
+
+    def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
+        """Living robots with the pose and the goal that they announced last.
+
+        Parameters
+        ----------
+        frame : ``robot`` for the own map frame, ``fleet`` for the fleet's. A robot whose frame has no known
+            relation to it is left out.
+        """
+        return teammate_infos(self._engine, frame=frame, now_s=self._clock())
+
+    def stats(self) -> Stats:
+        """Bytes sent, received and dropped, and what gzipped grids would have cost."""
+        return self._ledger.stats()
+
+    async def changes(self) -> AsyncGenerator[Change, None]:
+        """What any robot's new map did to the merged one; ``merged`` holds it when the change is yielded.
+
+        A reader that is slow gets one value for all that it missed. Ends when the peer is closed.
+
+        Raises
+        ------
+        NameInUse : another living peer turned out to have this name, and was first
+        """
+        reader = ChangeQueue()
+        self._folder.readers.add(reader)
+        if self._state == "closed" or self._failure is not None:
+            reader.close()
+        try:
+            while (change := await reader.take()) is not None:
+                yield change
+            if self._failure is not None:
+                raise self._failure
+        finally:
+            self._folder.readers.discard(reader)
+
+    async def refresh(self) -> MergedMap:
+        """Fold all that is held now; ``merged`` is that map afterwards."""
+        return await self._folder.refresh()
+
+    async def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
+        """Wait until all that living peers hold now is held here, too; returns the merged map of it.
+
+        Parameters
+        ----------
+        timeout_s : how long to wait
+        at_least : so many living peers must be seen first
+
+        Raises
+        ------
+        TimeoutError : something is still missing; the message says what
+        """
+        self._check()
+
+        def missing() -> list[str]:
+            self._check()
+            seen = len(self._engine.alive)
+            return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
+
+        await self._run(self._ask_lists)
+        try:
+            async with asyncio.timeout(timeout_s), self.stepped:
+                await self.stepped.wait_for(lambda: not missing())
+        except TimeoutError:
+            raise TimeoutError(f"{self.robot}: after {timeout_s} s still missing: {', '.join(missing())}") from None
+        return await self.refresh()
+
+    def plan(
+        self,
+        start_xy: tuple[float, float],
+        goal_xy: tuple[float, float],
+        *,
+        radius_m: float,
+        margin_m: float = 0.0,
+        frame: str = "robot",
+    ) -> Path:
+        """A path on ``merged`` for a disc of that radius.
+
+        Parameters
+        ----------
+        start_xy, goal_xy : metres, in the own map frame, or in the fleet's with ``frame="fleet"``
+        radius_m, margin_m : distance to keep from every obstacle edge
+
+        Raises
+        ------
+        NoPath : its ``status`` says why
+        """
+        from fleetmap.peer.planning import plan_in_frame
+
+        T_frame_fleet = frame_of(self._engine, frame) or Pose2()
+        return plan_in_frame(
+            self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
+        )
+
+    # How it works
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if self._state != "open":
+            raise LinkError(endpoint=self.fleet, reason=f"the peer is {self._state}")
+
+    async def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run an engine call in the engine's thread, then do what came out of it."""
+
+        def run() -> tuple[R, list[Changed | PeersChanged | EpochChanged | NameTaken]]:
+            result = call(*args, **kwargs)
+            return result, self._carry_out()
+
+        result, events = await asyncio.get_running_loop().run_in_executor(self._executor, run)
+        await self._handle(events)
+        return result
+
+    async def _look(self) -> View:
+        return await self._run(view, self._engine)
+
+    async def _run_publish(self, anchor: FixedPose, submap: str, vector_map: VectorMap) -> bool:
+        return await self._run(self._engine.publish, submap, vector_map, anchor=anchor)
+
+    def _ask_lists(self) -> None:
+        for robot in list(self._engine.alive):
+            self._engine.ask_list(robot, now_s=self._clock())
+        self._engine.tick(self._clock())
+
+    def _carry_out(self) -> list[Changed | PeersChanged | EpochChanged | NameTaken]:
+        """Hand the engine's outputs to the link; the events are left."""
+        events: list[Changed | PeersChanged | EpochChanged | NameTaken] = []
+        for output in self._engine.take_outputs():
+            match output:
+                case Put(suffix, payload):
+                    self._link.put(suffix, payload)
+                case Ask(ask_id, robot, suffix, payload):
+                    self._link.ask(
+                        robot,
+                        suffix,
+                        payload,
+                        on_reply=partial(self._inbox.reply, ask_id),
+                        on_end=partial(self._inbox.reply_end, ask_id),
+                    )
+                case event:
+                    events.append(event)
+        return events
+
+    async def _handle(self, events: Iterable[Changed | PeersChanged | EpochChanged | NameTaken]) -> None:
+        for event in events:
+            match event:
+                case Changed():
+                    self._folder.add([event])
+                case PeersChanged(robot, alive):
+                    logger.info("%s: %s is %s", self.robot, robot, "alive" if alive else "absent")
+                case EpochChanged(epoch):
+                    await self._link.declare_alive(epoch, self._instance)
+                case NameTaken():
+                    self._failure = NameInUse(robot=self.robot, fleet=self.fleet)
+                    logger.error("%s", self._failure)
+                    self._folder.close()
+                    await self._link.close()
+        async with self.stepped:
+            self.stepped.notify_all()
+
+    async def _pump(self) -> None:
+        """Feed the engine with what the link delivers, and with the time."""
+        ticked_s = self._clock()
+        while True:
+            items = await self._inbox.take(max(0.0, ticked_s + TICK_S - self._clock()))
+            now_s = self._clock()
+            if now_s >= ticked_s + TICK_S:
+                ticked_s = now_s
+            if items or ticked_s == now_s:
+                await self._run(self._feed, items, now_s)
+
+    def _feed(self, items: Iterable[Item], now_s: float) -> None:
+        engine = self._engine
+        for item in items:
+            match item:
+                case Message(robot, suffix, payload):
+                    engine.on_message(robot, suffix, payload, now_s=now_s)
+                case Alive(token):
+                    engine.on_alive(token.robot, token.epoch, token.instance, now_s=now_s)
+                case Gone(token):
+                    engine.on_gone(token.robot, token.epoch, token.instance)
+                case Query(suffix, payload, reply):
+                    reply(engine.on_query(suffix, payload))
+                case Reply(ask_id, payload):
+                    engine.on_reply(ask_id, payload, now_s=now_s)
+                case ReplyEnd(ask_id):
+                    engine.on_reply_end(ask_id, now_s=now_s)
+        engine.tick(now_s)

@@ -1,0 +1,67 @@
+"""From a grid to a published submap: one sticky vectorizer a submap, and the baselines beside it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+from fleetmap.accounting import Ledger
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.vectormap import VectorMap
+
+
+class GridPublisher:
+    """Vectorizes grids in a thread, one at a time, and counts what they would have cost as grids.
+
+    Parameters
+    ----------
+    ledger : where the baselines are counted
+    baselines : count them at all; they cost a gzip of the whole grid at each publish
+    """
+
+    def __init__(self, ledger: Ledger, *, baselines: bool) -> None:
+        self._ledger, self._baselines = ledger, baselines
+        self._vectorizers: dict[str, Callable[[OccupancyGrid], VectorMap]] = {}
+        self._last: dict[str, OccupancyGrid] = {}
+        self._turn = asyncio.Lock()
+
+    async def publish(
+        self,
+        submap: str,
+        source: OccupancyGrid | VectorMap,
+        send: Callable[[str, VectorMap], Awaitable[bool]],
+        *,
+        clock: Callable[[], float],
+    ) -> bool:
+        """Vectorize, ``send``, then count the baselines: the fleet doesn't wait for them."""
+        async with self._turn:
+            if isinstance(source, VectorMap):
+                return await send(submap, source)
+            vector_map = await asyncio.to_thread(self._vectorize, submap, source)
+            sent = await send(submap, vector_map)
+            sizes = await asyncio.to_thread(self._sizes, submap, source) if self._baselines else {}
+            self._ledger.published(clock(), sizes)
+            return sent
+
+    def _vectorize(self, submap: str, grid: OccupancyGrid) -> VectorMap:
+        from fleetmap.vectorize import Vectorizer
+
+        update = self._vectorizers.get(submap)
+        if update is not None:
+            try:
+                return update(grid)
+            except ConfigError:
+                pass  # another resolution or rotation: the submap starts anew on another lattice
+        update = self._vectorizers[submap] = Vectorizer().update
+        return update(grid)
+
+    def _sizes(self, submap: str, grid: OccupancyGrid) -> dict[str, int]:
+        from fleetmap.codecs.baselines import gzip_changed_rectangle, gzip_grid
+
+        before = self._last.get(submap)
+        self._last[submap] = grid
+        return {
+            "grid_gzip_full": gzip_grid(grid),
+            "grid_gzip_updates": gzip_changed_rectangle(before, grid),
+        }

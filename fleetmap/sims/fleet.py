@@ -1,0 +1,158 @@
+"""``run_fleet``: a simulated fleet from the first process to the report."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import pkgutil
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+import fleetmap
+from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
+from fleetmap.sims.crew import Crew
+from fleetmap.sims.outcome import write_outcome
+from fleetmap.sims.rendezvous import rendezvous
+from fleetmap.sims.run import Run
+from fleetmap.sims.worlds import choose_starts, make_world
+
+FLEET = "sim"
+"""Name of the fleet: with the endpoint, all that another robot needs to join."""
+
+ROUND_S = 3.0
+"""Simulated time that is granted at once: about one publish of each robot."""
+
+STARTUP_S = 120.0
+"""Until all processes have loaded their libraries and joined."""
+
+SAMPLES = 4000
+"""Reachable cells that the progress figure ``covered`` looks at."""
+
+CONVERGE_S = 60.0
+IDLE_ROUNDS = 2
+"""The fleet is done when no robot has had anything to do for so many rounds."""
+
+NOTHING: Callable[[Progress], None] = lambda _: None  # noqa: E731 - a default that does nothing
+
+
+def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHING) -> SimResult:
+    """Run a simulated fleet and leave the run folder ``config.out``.
+
+    Parameters
+    ----------
+    on_progress : called after each round, and when the phase changes
+
+    Raises
+    ------
+    ConfigError, MapFormatError : the world can't be had
+    LinkError : the fleet has no place to meet
+    KeyboardInterrupt : after all processes have ended
+    """
+    return asyncio.run(_run(config, on_progress))
+
+
+async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> SimResult:
+    began_s = time.monotonic()
+    world = make_world(config.world, size_m=config.size_m, seed=config.seed)
+    rng = np.random.default_rng([config.seed, 1])
+    starts = choose_starts(world, config.robots, radius_m=config.radius_m, rng=rng)
+    run = Run(config, world, starts, world.reachable(starts, radius_m=config.radius_m))
+    (config.out / "logs").mkdir(parents=True, exist_ok=True)
+    await asyncio.to_thread(warm_kernels)
+
+    def tell(phase: str) -> None:
+        t_s = max((p.t_s for p in run.latest.values()), default=0.0)
+        on_progress(Progress(phase, t_s, run.endpoint, tuple(run.latest.values())))
+
+    with tempfile.TemporaryDirectory(prefix="fleetmap-sim-") as scratch:
+        async with rendezvous() as run.endpoint, Crew(config.silent_s) as crew:
+            await _start(run, crew, Path(scratch))
+            tell("exploring")
+            await _explore(run, crew, tell)
+            tell("converging")
+            await _converge(run, crew)
+            run.duration_s = time.monotonic() - began_s
+            folder = Path(scratch)
+            written = await crew.ask(lambda member: {"write": str(folder / f"{member.robot}.fmap")})
+            run.stats = {robot: dict(a["stats"]) for robot, a in written.items()}  # type: ignore[call-overload]
+            run.maps = {robot: folder / f"{robot}.fmap" for robot in written}
+            document = await asyncio.to_thread(write_outcome, run, crew.deaths)
+            if config.hold_s > 0:
+                tell("holding")
+                await asyncio.sleep(config.hold_s)
+    return SimResult(config.out, document)
+
+
+async def _start(run: Run, crew: Crew, scratch: Path) -> None:
+    """Write the world for the robots to move in, and start them all."""
+    config, world = run.config, run.world
+    cells = np.argwhere(run.reachable)
+    sample = np.random.default_rng(0).choice(len(cells), min(SAMPLES, len(cells)), replace=False)
+    origin = world.origin
+    np.savez(
+        scratch / "world.npz",
+        solid=world.solid,
+        resolution_m=world.resolution_m,
+        origin=[origin.x_m, origin.y_m, origin.yaw_rad],
+        sample_xy=world.centres_xy(cells[sample]),
+    )
+    made = asdict(config)
+    make = {key: made[key] for key in ("seed", "range_m", "beams", "range_noise_m", "pose_noise_m", "radius_m")}
+    for index, start in enumerate(run.starts):
+        robot = f"r{index}"
+        order = {
+            **make,
+            "robot": robot,
+            "index": index,
+            "speed_mps": config.speed_mps,
+            "world": str(scratch / "world.npz"),
+            "start": [start.x_m, start.y_m, start.yaw_rad],
+            "fleet": FLEET,
+            "endpoint": run.endpoint,
+        }
+        await crew.start(robot, order, log=config.out / "logs" / f"{robot}.log")
+    for member in crew.members:
+        run.latest[member.robot] = RobotProgress(member.robot, member.process.pid)
+    await crew.ask(None, timeout_s=STARTUP_S)
+
+
+async def _explore(run: Run, crew: Crew, tell: Callable[[str], None]) -> None:
+    """Grant rounds until nobody has anything left to do."""
+    idle_rounds = 0
+    names = {f.name for f in fields(RobotProgress)}
+    while crew.living and crew.t_s < run.config.limit_s:
+        crew.t_s += ROUND_S
+        answers = await crew.ask({"go": crew.t_s})
+        for robot, answer in answers.items():
+            run.latest[robot] = RobotProgress(**{k: v for k, v in answer.items() if k in names})  # type: ignore[arg-type]
+        for death in crew.deaths:
+            run.latest[death.robot] = replace(run.latest[death.robot], state="dead")
+        run.series.append(dict(run.latest))
+        tell("exploring")
+        busy = any(run.latest[robot].state == "exploring" for robot in answers)
+        idle_rounds = 0 if busy else idle_rounds + 1
+        if idle_rounds >= IDLE_ROUNDS:
+            run.finished = True
+            return
+
+
+async def _converge(run: Run, crew: Crew) -> None:
+    """Let the last deltas go out, then wait until all living peers hold the same revisions."""
+    await crew.ask({"settle": True})
+    until_s = time.monotonic() + CONVERGE_S
+    while crew.living and not run.converged and time.monotonic() < until_s:
+        run.sync = await crew.ask({"sync": 5.0})
+        held = {(str(answer["digest"]), str(answer["revisions"])) for answer in run.sync.values()}
+        run.converged = len(held) == 1 and all(answer["digest"] for answer in run.sync.values())
+
+
+def warm_kernels() -> None:
+    """Compile all kernels into numba's cache, so that the robots only load them."""
+    for info in pkgutil.walk_packages(fleetmap.__path__, "fleetmap."):
+        if info.name.endswith("_kernels"):
+            importlib.import_module(info.name)

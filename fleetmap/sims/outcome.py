@@ -1,0 +1,210 @@
+"""The end of a run: its figures, and the run folder with ``report.html``, ``map.*`` and ``stats.json``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+
+import numpy as np
+
+from fleetmap.model.mergedmap import MergedMap
+from fleetmap.report import Chart, Curve, Report, Trail, colour, draw_map, write_report
+from fleetmap.sims.config import Death
+from fleetmap.sims.run import Run
+from fleetmap.sims.score import covered, map_error
+
+BYTES = ("bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates")
+
+
+def write_outcome(run: Run, deaths: list[Death]) -> dict[str, object]:
+    """Score the run and write its folder; returns what ``stats.json`` holds."""
+    from fleetmap.codecs.fmap import load_fmap, save_fmap
+    from fleetmap.model.map_server import save_map
+
+    out = run.config.out
+    maps = {robot: as_merged(load_fmap(path)) for robot, path in run.maps.items()}
+    # Peers that hold the same map need to be looked at once.
+    distinct = {merged.digest: merged for merged in maps.values()}
+    shown = next(iter(distinct.values()), MergedMap(np.zeros((0, 8), np.int32)))
+    document = figures(run, deaths, list(distinct.values()))
+    save_fmap(shown, out / "map.fmap")
+    if len(shown):
+        save_map(shown.to_grid(), out / "map.yaml")
+    (out / "stats.json").write_text(json.dumps(document, indent=1, allow_nan=False, default=str) + "\n")
+    report = make_report(run, deaths, shown, document)
+    draw_map(shown, report.trails).save(out / "map.png")
+    write_report(report, out / "report.html")
+    return document
+
+
+def as_merged(loaded: object) -> MergedMap:
+    """What a robot wrote, which is a merged map."""
+    if not isinstance(loaded, MergedMap):
+        raise TypeError(f"expected a merged map; found {type(loaded).__name__}")
+    return loaded
+
+
+def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, object]:
+    """All numbers of a run; the worst living peer counts where they differ."""
+    config = run.config
+    totals = {key: sum(int(getattr(p, key)) for p in run.latest.values()) for key in BYTES}
+    for robot, stats in run.stats.items():
+        # What was sent after the last round counts, too.
+        for key in BYTES:
+            totals[key] += int(str(stats.get(key, 0))) - int(getattr(run.latest[robot], key))
+    errors = [map_error(m, run.world, run.reachable, range_m=config.range_m) for m in maps]
+    worst = max(errors, key=lambda e: -1.0 if math.isnan(e.p95) else e.p95, default=None)
+    error = {} if worst is None else {k: None if math.isnan(v) else round(v, 4) for k, v in asdict(worst).items()}
+    digests = sorted({str(answer["digest"]) for answer in run.sync.values()})
+    return {
+        "robots": [robot_figures(run, robot) for robot in run.latest],
+        "components": components(run),
+        "covered": round(min((covered(m, run.world, run.reachable) for m in maps), default=0.0), 5),
+        "converged": run.converged,
+        "finished": run.finished,
+        "digest": digests[0] if run.converged else None,
+        "collisions": sum(p.collisions for p in run.latest.values()),
+        "merged_error_m": error or {"median": None, "p95": None},
+        "duration_s": round(run.duration_s, 2),
+        "simulated_s": max((p.t_s for p in run.latest.values()), default=0.0),
+        "distance_m": round(sum(p.distance_m for p in run.latest.values()), 2),
+        "published": sum(p.published for p in run.latest.values()),
+        "reachable_m2": round(float(run.reachable.sum()) * run.world.resolution_m**2, 2),
+        **totals,
+        "ratio_full": ratio(totals["bytes_grid_gzip_full"], totals["bytes_vector"]),
+        "ratio_updates": ratio(totals["bytes_grid_gzip_updates"], totals["bytes_vector"]),
+        "merged_edges": max((len(m) for m in maps), default=0),
+        "dead": [asdict(death) for death in deaths],
+        "endpoint": run.endpoint,
+        "world": run.world.name,
+        "config": {**asdict(config), "out": str(config.out)},
+    }
+
+
+def robot_figures(run: Run, robot: str) -> dict[str, object]:
+    """One robot's row: its last progress, what it sent by kind, and what its peer counted."""
+    progress = run.latest[robot]
+    stats = run.stats.get(robot, {})
+    sent = stats.get("sent", {})
+    shown = {key: value for key, value in asdict(progress).items() if key != "trail_xy"}
+    return {
+        **shown,
+        "sent": {kind: count[1] for kind, count in sent.items()} if isinstance(sent, dict) else {},
+        "received": stats.get("received", {}),
+        "dropped": stats.get("dropped", {}),
+        "digest": run.sync.get(robot, {}).get("digest"),
+        "missing": run.sync.get(robot, {}).get("missing"),
+    }
+
+
+def components(run: Run) -> int:
+    """How many merged maps the living peers hold: those that share a robot are one component."""
+    groups: list[set[str]] = []
+    for robot, answer in run.sync.items():
+        revisions = answer["revisions"]
+        held = {robot} | {str(row[0]) for row in revisions} if isinstance(revisions, list) else {robot}
+        joined = [group for group in groups if group & held]
+        groups = [group for group in groups if not group & held] + [held.union(*joined)]
+    return len(groups)
+
+
+def ratio(baseline: int, size: int) -> float | None:
+    """How many times larger the baseline is."""
+    return round(baseline / size, 2) if size else None
+
+
+def make_report(run: Run, deaths: list[Death], shown: MergedMap, document: dict[str, object]) -> Report:
+    """What the report shows of a run."""
+    times = [max(p.t_s for p in row.values()) for row in run.series]
+    robots = list(run.latest)
+    trails = tuple(
+        Trail(robot, trail(run, robot), dead=any(death.robot == robot for death in deaths)) for robot in robots
+    )
+    coverage = Chart(
+        "Coverage over time",
+        "share of the reachable floor that the robot knows, in %",
+        tuple(
+            Curve(robot, tuple(zip(times, (100 * row[robot].covered for row in run.series), strict=True)), colour(k))
+            for k, robot in enumerate(robots)
+        ),
+    )
+    labels = {
+        "bytes_grid_gzip_full": ("whole grids, gzip", "#9aa4ae"),
+        "bytes_grid_gzip_updates": ("changed rectangles, gzip", "#4d5863"),
+        "bytes_vector": ("fleetmap, all it sent", "#c0445c"),
+    }
+    sizes = Chart(
+        "Bytes over time",
+        "sent by the whole fleet to one receiver, kB, logarithmic",
+        tuple(
+            Curve(label, tuple(zip(times, kilobytes(run, key), strict=True)), tint)
+            for key, (label, tint) in labels.items()
+        ),
+        logarithmic=True,
+    )
+    return Report(
+        title=f"{len(robots)} robots, {run.world.name}",
+        subtitle=f"fleetmap sim · seed {run.config.seed} · {fixed(document['simulated_s'], 0)} s simulated in "
+        f"{fixed(document['duration_s'], 0)} s · digest {document['digest'] or 'differs'}",
+        merged=shown,
+        trails=trails,
+        tiles=tiles(document),
+        charts=(coverage, sizes),
+        table=robot_table(run),
+        notes=tuple(
+            f"{death.robot} was lost after {death.t_s:g} s of simulated time ({death.wall_s:g} s after the start of "
+            f"the run): {death.reason}. Its map stays in the merged one."
+            for death in deaths
+        ),
+    )
+
+
+def tiles(document: dict[str, object]) -> tuple[tuple[str, str, str], ...]:
+    """The summary: (name, value, explanation)."""
+    error = document["merged_error_m"]
+    assert isinstance(error, dict)
+    return (
+        ("covered", f"{fixed(document['covered'], 2, 100)} %", "of the floor that a robot can reach"),
+        ("converged", "yes" if document["converged"] else "no", "all living robots hold the same map"),
+        ("map error", f"{fixed(error['median'], 1, 100)} cm", f"median; p95 {fixed(error['p95'], 1, 100)} cm"),
+        ("collisions", str(document["collisions"]), "contacts with the true world"),
+        ("sent", f"{fixed(document['bytes_vector'], 1, 1e-3)} kB", "all messages of all robots"),
+        ("whole grids", f"{fixed(document['ratio_full'], 1)} times", "as many bytes, gzipped"),
+        ("changed rectangles", f"{fixed(document['ratio_updates'], 1)} times", "as many bytes, gzipped as map updates"),
+        ("driven", f"{fixed(document['distance_m'], 0)} m", "all robots together"),
+    )
+
+
+def robot_table(run: Run) -> tuple[tuple[str, ...], ...]:
+    """Header and one row a robot."""
+    head = ("robot", "state", "driven m", "published", "sent kB", "of it deltas kB", "contacts")
+    rows = []
+    for p in run.latest.values():
+        sizes = (f"{p.bytes_vector / 1e3:.1f}", f"{p.bytes_deltas / 1e3:.1f}")
+        state = "dead" if p.state == "dead" else "done"
+        rows.append((p.robot, state, f"{p.distance_m:.1f}", str(p.published), *sizes, str(p.collisions)))
+    return (head, *rows)
+
+
+def kilobytes(run: Run, key: str) -> Iterable[float]:
+    """The fleet's total after each round."""
+    return [sum(int(getattr(p, key)) for p in row.values()) / 1e3 for row in run.series]
+
+
+def trail(run: Run, robot: str) -> tuple[tuple[float, float], ...]:
+    """Where a robot went, from its start."""
+    start = run.starts[list(run.latest).index(robot)]
+    points = [(start.x_m, start.y_m)]
+    before = None
+    for row in run.series:
+        if row[robot].t_s != before:  # a dead robot's last row stays
+            points += [(float(x), float(y)) for x, y in row[robot].trail_xy]
+        before = row[robot].t_s
+    return tuple(points)
+
+
+def fixed(value: object, digits: int, factor: float = 1.0) -> str:
+    """A number for people; a dash if there is none."""
+    return f"{value * factor:,.{digits}f}" if isinstance(value, int | float) else "-"

@@ -1,0 +1,186 @@
+"""``fleetmap.sync.join``: the same as ``fleetmap.join``, for programs without asyncio.
+
+A thin facade: it owns a thread with an event loop, and forwards to the ``Peer`` in it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncGenerator, Coroutine, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from fleetmap.accounting import Stats
+from fleetmap.model.errors import LinkError
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.pose import Pose2
+from fleetmap.model.vectormap import VectorMap
+from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
+from fleetmap.peer import join as join_async
+from fleetmap.peer.link import Link
+
+if TYPE_CHECKING:
+    from fleetmap.planners.protocol import Path
+
+T = TypeVar("T")
+
+
+class SyncPeer:
+    """A ``Peer`` behind blocking calls. Use it as ``with``, or ``close`` it; any thread may call it.
+
+    Every method does what the one of the same name does in ``fleetmap.peer.Peer``, and raises the same errors.
+    """
+
+    def __init__(self, peer: Peer) -> None:
+        self._peer = peer
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name=f"fleetmap-sync-{peer.robot}", daemon=True)
+        self._closed = False
+        self._thread.start()
+        try:
+            self._run(peer.__aenter__())
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the fleet, and end the thread. May be called twice."""
+        if self._closed:
+            return
+        try:
+            self._run(self._peer.close())
+        finally:
+            self._closed = True
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join()
+            self._loop.close()
+
+    def publish(self, source: OccupancyGrid | VectorMap, *, submap: str = "0", anchor: Pose2 | None = None) -> bool:
+        """Share a map; False if nothing changed."""
+        return self._run(self._peer.publish(source, submap=submap, anchor=anchor))
+
+    def set_pose(self, pose: Pose2) -> None:
+        """Announce where the robot is, in its map frame."""
+        self._run(self._peer.set_pose(pose))
+
+    def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
+        """Announce where the robot is going, in its map frame; None: nowhere."""
+        self._run(self._peer.set_goal(goal_xy))
+
+    def set_start(self, start: Pose2 | None) -> None:
+        """Announce where the own map frame lies in the fleet's."""
+        self._run(self._peer.set_start(start))
+
+    def forget(self, robot: str) -> None:
+        """Drop what an absent robot has said, here and at every peer."""
+        self._run(self._peer.forget(robot))
+
+    def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
+        """Wait until all that living peers hold now is held here, too."""
+        return self._run(self._peer.synced(timeout_s, at_least=at_least))
+
+    def refresh(self) -> MergedMap:
+        """Fold all that is held now."""
+        return self._run(self._peer.refresh())
+
+    def changes(self, timeout_s: float | None = None) -> Iterator[Change]:
+        """What robots' new maps did to the merged one; ends when none comes for ``timeout_s``."""
+        changes = self._peer.changes()
+        try:
+            while True:
+                try:
+                    yield self._run(_next(changes, timeout_s))
+                except (TimeoutError, StopAsyncIteration):
+                    return
+        finally:
+            if not self._closed:
+                self._run(changes.aclose())
+
+    def plan(
+        self,
+        start_xy: tuple[float, float],
+        goal_xy: tuple[float, float],
+        *,
+        radius_m: float,
+        margin_m: float = 0.0,
+        frame: str = "robot",
+    ) -> Path:
+        """A path on ``merged`` for a disc of that radius."""
+        return self._peer.plan(start_xy, goal_xy, radius_m=radius_m, margin_m=margin_m, frame=frame)
+
+    @property
+    def merged(self) -> MergedMap:
+        """The merged map of the own component as it was folded last."""
+        return self._peer.merged
+
+    @property
+    def epoch(self) -> int:
+        """Which life of this robot's map frame it is."""
+        return self._peer.epoch
+
+    @property
+    def T_fleet_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
+        """Where the own map frame lies in the fleet's; None while it is unknown."""
+        return self._peer.T_fleet_robot
+
+    @property
+    def peers(self) -> list[PeerInfo]:
+        """All other robots that are known, living and absent."""
+        return self._peer.peers
+
+    def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
+        """Living robots with the pose and the goal that they announced last."""
+        return self._peer.teammates(frame=frame)
+
+    def stats(self) -> Stats:
+        """Bytes sent, received and dropped, and what gzipped grids would have cost."""
+        return self._peer.stats()
+
+    def _run(self, work: Coroutine[object, object, T]) -> T:
+        if self._closed:
+            work.close()
+            raise LinkError(endpoint=self._peer.fleet, reason="the peer is closed")
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+
+async def _next(changes: AsyncGenerator[Change, None], timeout_s: float | None) -> Change:
+    async with asyncio.timeout(timeout_s):
+        return await anext(changes)
+
+
+def join(
+    robot: str,
+    *,
+    fleet: str = "default",
+    level: str = "0",
+    start: Pose2 | None = None,
+    connect: Sequence[str] = (),
+    listen: Sequence[str] = (),
+    profile: str = "lan",
+    config: Mapping[str, object] | None = None,
+    link: Link | None = None,
+) -> SyncPeer:
+    """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``; see ``fleetmap.join``."""
+    return SyncPeer(
+        join_async(
+            robot,
+            fleet=fleet,
+            level=level,
+            start=start,
+            connect=connect,
+            listen=listen,
+            profile=profile,
+            config=config,
+            link=link,
+        )
+    )

@@ -1,0 +1,88 @@
+"""What several test files share: a small map on disk, the command line as a subprocess, the real maps."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.map_server import save_map
+from fleetmap.model.pose import Pose2
+
+# The same examples on each run; long hunts belong in benchmarks/.
+settings.register_profile("fleetmap", deadline=None, derandomize=True)
+settings.load_profile("fleetmap")
+
+TIMEOUT_FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
+"""Scales every timeout of the tests, for slow machines."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a command did."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self):
+        return json.loads(self.out)
+
+
+@pytest.fixture(scope="session")
+def timeout_factor():
+    return TIMEOUT_FACTOR
+
+
+@pytest.fixture(scope="session")
+def fleetmap_command():
+    """Run ``fleetmap ARGUMENTS`` as a user would, in a folder."""
+
+    def run(*arguments, cwd, timeout_s=120.0):
+        command = [sys.executable, "-m", "fleetmap", *map(str, arguments)]
+        done = subprocess.run(
+            command, cwd=cwd, capture_output=True, text=True, timeout=timeout_s * TIMEOUT_FACTOR, check=False
+        )
+        return Run(done.returncode, done.stdout, done.stderr)
+
+    return run
+
+
+def two_rooms():
+    """A grid of 120 x 80 cells: two rooms with a door, a pillar, walls two cells thick, unknown around."""
+    states = np.full((80, 120), UNKNOWN, np.uint8)
+    states[8:72, 8:112] = OCCUPIED
+    states[10:70, 10:60] = FREE
+    states[10:70, 62:110] = FREE
+    states[35:50, 60:62] = FREE
+    states[25:28, 30:34] = OCCUPIED
+    return OccupancyGrid.from_states(states, 0.05, Pose2(-1.0, 2.0, 0.0))
+
+
+@pytest.fixture
+def map_folder(tmp_path):
+    """A folder with ``map.yaml``: two rooms with a door."""
+    save_map(two_rooms(), tmp_path / "map.yaml")
+    return tmp_path
+
+
+def real_maps():
+    """The map_server YAMLs of the folder of real data, or a skip."""
+    folder = os.environ.get("FLEETMAP_DATA")
+    if not folder:
+        return [pytest.param(None, marks=pytest.mark.skip(reason="FLEETMAP_DATA is not set: no real maps"))]
+    return [pytest.param(path, id=path.parent.name) for path in sorted(Path(folder).glob("maps/*/map.yaml"))]
+
+
+def pytest_generate_tests(metafunc):
+    """A test that takes ``real_map`` runs on each real map."""
+    if "real_map" in metafunc.fixturenames:
+        metafunc.parametrize("real_map", real_maps())

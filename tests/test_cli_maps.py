@@ -1,0 +1,103 @@
+"""The commands on maps, run as a user runs them: results, JSON, exit codes, and errors that say what to do."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+
+def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
+    run = fleetmap_command("vectorize", "map.yaml", "-o", "map.fmap", "--json", cwd=map_folder)
+    assert run.code == 0, run.err
+    found = run.document
+    assert found["valid"] is True
+    assert found["violations"] == []
+    assert found["bytes"] == (map_folder / "map.fmap").stat().st_size
+    assert 8 <= found["edges"] <= 40
+    assert {"vertices", "ms", "dropped"} <= set(found)
+
+    run = fleetmap_command("rasterize", "map.fmap", "-o", "again.yaml", "--json", cwd=map_folder)
+    assert run.code == 0, run.err
+    assert abs(run.document["width"] - 104) <= 4
+    assert abs(run.document["height"] - 64) <= 4
+
+    run = fleetmap_command("compare", "again.yaml", "map.yaml", "--json", cwd=map_folder)
+    assert run.code == 0, run.err
+    assert min(run.document[k] for k in ("MS", "OPDF", "UPDF", "OPDF_reverse", "UPDF_reverse")) > 97
+
+
+def test_every_command_also_speaks_to_people(fleetmap_command, map_folder):
+    for arguments, expected in (
+        (["vectorize", "map.yaml", "-o", "map.fmap"], "valid"),
+        (["rasterize", "map.fmap", "-o", "again.yaml"], "cells"),
+        (["compare", "again.yaml", "map.yaml"], "OPDF_reverse"),
+        (["stats", "map.yaml", "again.yaml"], "gzip9"),
+    ):
+        run = fleetmap_command(*arguments, cwd=map_folder)
+        assert run.code == 0, run.err
+        assert expected in run.out
+
+
+def test_stats_of_maps_give_bytes_and_ratios(fleetmap_command, map_folder):
+    run = fleetmap_command("stats", "map.yaml", "--json", cwd=map_folder)
+    assert run.code == 0, run.err
+    (found,) = run.document["maps"]
+    assert found["codecs"]["raw"] == 120 * 80
+    assert found["ratios"]["gzip9"] == 1.0
+    assert found["ratios"]["vector"] == pytest.approx(found["codecs"]["gzip9"] / found["codecs"]["vector"])
+
+
+def test_the_kernels_are_compiled_and_kept(fleetmap_command, map_folder):
+    run = fleetmap_command("warmup", "--json", cwd=map_folder, timeout_s=600)
+    assert run.code == 0, run.err
+    assert run.document["cached"] is True
+    assert "fleetmap.model.raster_kernels" in run.document["modules"]
+
+
+@pytest.mark.parametrize("command", ["sim", "stats", "vectorize", "rasterize", "compare", "warmup"])
+def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, command):
+    run = fleetmap_command(command, "--help", cwd=tmp_path)
+    assert run.code == 0
+    assert f"fleetmap {command}" in " ".join(run.out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["compare", "nothing.yaml", "map.yaml"], 1, "nothing.yaml"),
+        (["compare", "map.txt", "map.yaml"], 1, "map.txt"),
+        (["compare", "map.yaml"], 2, "Missing argument"),
+        (["vectorize", "map.yaml", "-o", "no/folder/map.fmap"], 1, "no/folder"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--epsilon", "0"], 2, "epsilon"),
+        (["rasterize", "map.yaml", "-o", "again.yaml"], 1, "fmap"),
+        (["rasterize", "broken.fmap", "-o", "again.yaml"], 1, "broken.fmap"),
+        (["stats", "empty"], 1, "stats.json"),
+        (["sim", "--world", "nowhere", "--out", "RUN"], 2, "nowhere"),
+        (["sim", "--robots", "0"], 2, "robots"),
+        (["nonsense"], 2, "nonsense"),
+    ],
+)
+def test_a_wrong_input_gets_a_clear_error(fleetmap_command, map_folder, arguments, code, says):
+    (map_folder / "broken.fmap").write_bytes(np.random.default_rng(0).bytes(200))
+    (map_folder / "empty").mkdir()
+    run = fleetmap_command(*arguments, cwd=map_folder)
+    assert run.code == code
+    assert says in run.err
+    assert "Traceback" not in run.err
+    run = fleetmap_command(*arguments, "--json", cwd=map_folder)
+    assert run.code == code
+    assert says in run.document["error"]["message"]
+    assert run.document["error"]["exit_code"] == code
+
+
+def test_real_maps_keep_what_the_metrics_ask_for(real_map):
+    from fleetmap.model.map_server import MapWarning, load_map
+    from fleetmap.model.metrics import compare
+    from fleetmap.vectorize import rasterize, vectorize
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MapWarning)  # nav2_depot's free_thresh of 0.25 deserves it
+        grid = load_map(real_map)
+    found = compare(rasterize(vectorize(grid)), grid)
+    assert min(found.OPDF, found.OPDF_reverse) >= 97
+    assert min(found.UPDF, found.UPDF_reverse) >= 99.7

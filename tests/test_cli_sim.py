@@ -1,0 +1,50 @@
+"""``fleetmap sim`` and the examples, run together as a user would: real processes, real sessions on loopback."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+KEYS = {
+    "robots", "components", "covered", "converged", "digest", "collisions", "merged_error_m", "duration_s",
+    "bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates", "ratio_full", "ratio_updates",
+}  # fmt: skip
+
+
+def wait_for_line(stream, pattern):
+    """The first line that matches; the caller's watchdog ends the process if none ever does."""
+    for line in stream:
+        if found := re.search(pattern, line):
+            return found
+    raise AssertionError(f"no line matched {pattern!r}")
+
+
+def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_factor):
+    command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "8", "--hold-s", "45", "--json"]
+    with subprocess.Popen(
+        [*command, "--out", "RUN"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as fleet:
+        try:
+            endpoint = wait_for_line(fleet.stderr, r"holding: .*(tcp/127\.0\.0\.1:\d+)")[1]
+            digests = set()
+            for example in ("embed_async.py", "embed_sync.py"):
+                guest = subprocess.run(
+                    [sys.executable, EXAMPLES / example, "--connect", endpoint],
+                    capture_output=True, text=True, timeout=30 * timeout_factor, check=False,
+                )  # fmt: skip
+                assert guest.returncode == 0, guest.stderr
+                digests.add(re.search(r"digest: (\w+)", guest.stdout)[1])
+            out, _ = fleet.communicate(timeout=120 * timeout_factor)
+        finally:
+            fleet.terminate()
+    found = json.loads(out)
+    assert set(found) >= KEYS
+    assert found["converged"] is True
+    assert found["components"] == 1
+    assert found["collisions"] == 0
+    assert found["covered"] > 0.9
+    assert digests == {found["digest"]}
+    folder = tmp_path / "RUN"
+    assert {"report.html", "map.png", "map.yaml", "map.fmap", "stats.json"} <= {p.name for p in folder.iterdir()}

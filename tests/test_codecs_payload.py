@@ -1,0 +1,206 @@
+"""Deltas and mode 0: what is encoded comes back, what is damaged is refused with ``WireError`` and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleetmap.codecs import protocol
+from fleetmap.codecs.deflate import deflate, inflate
+from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
+from fleetmap.model.delta import apply, diff, find_rows
+from fleetmap.model.errors import WireError
+from fleetmap.model.lattice import MAX_COORDINATE, Lattice
+from fleetmap.model.vectormap import VectorMap
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+LATTICE = Lattice(50_000)
+LABELS = (1, 2, 3, 5, 6, 7)
+EMPTY = VectorMap.empty(LATTICE)
+
+
+def a_map(rows: list[tuple[int, ...]]) -> VectorMap:
+    table = np.array(rows, np.int32).reshape(-1, 6)
+    return VectorMap(LATTICE, table[:, :5], table[:, 5].astype(np.uint8))
+
+
+def row(span: int) -> st.SearchStrategy[tuple[int, ...]]:
+    coordinate = st.integers(-span, span)
+    return st.tuples(
+        coordinate, coordinate, coordinate, coordinate, st.sampled_from(LABELS), st.integers(0, 255)
+    ).filter(lambda r: r[:2] != r[2:4])
+
+
+def maps(span: int = 4) -> st.SearchStrategy[VectorMap]:
+    # Few places, so that maps share edges and vertices.
+    return st.lists(row(span), max_size=30).map(a_map)
+
+
+def equal(a: VectorMap, b: VectorMap) -> bool:
+    return a.digest == b.digest and np.array_equal(a.edges, b.edges) and np.array_equal(a.thickness, b.thickness)
+
+
+@given(maps(), maps())
+def test_a_delta_leads_from_one_map_to_the_other(old: VectorMap, new: VectorMap) -> None:
+    delta = diff(old, new)
+    assert equal(apply(old, delta), new)
+    assert (len(delta) == 0) == equal(old, new)
+    old_rows, new_rows = ({tuple(r) for r in m.edges.tolist()} for m in (old, new))
+    assert {tuple(r) for r in delta.removed.tolist()} == old_rows - new_rows
+    assert {tuple(r) for r in delta.added.tolist()} == new_rows - old_rows
+
+
+@given(maps(), maps())
+def test_a_delta_survives_its_bytes(old: VectorMap, new: VectorMap) -> None:
+    payload = protocol.encode(diff(old, new), old)
+    assert equal(apply(old, protocol.decode(payload, old, robot="r")), new)
+
+
+@given(maps(MAX_COORDINATE))
+def test_a_snapshot_survives_its_bytes_at_the_bounds(new: VectorMap) -> None:
+    payload = protocol.encode(diff(EMPTY, new), EMPTY)
+    assert equal(apply(EMPTY, protocol.decode(payload, EMPTY, robot="r")), new)
+
+
+@given(maps())
+def test_encoding_is_a_function_of_the_maps(new: VectorMap) -> None:
+    again = VectorMap(LATTICE, new.edges[::-1], new.thickness[::-1])
+    assert protocol.encode(diff(EMPTY, new), EMPTY) == protocol.encode(diff(EMPTY, again), EMPTY)
+
+
+def test_a_small_delta_takes_few_bytes() -> None:
+    """A room whose wall gained a door: one edge gone, three new ones."""
+    corners = [(0, 0), (0, 100), (80, 100), (80, 0)]
+    walls = [(*a, *b, 1, 4) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    door = [(0, 0, 0, 40, 1, 4), (0, 40, 0, 58, 2, 0), (0, 58, 0, 100, 1, 4)]
+    old, new = a_map(walls), a_map(walls[1:] + door)
+    assert len(protocol.encode(diff(old, new), old)) <= 24
+
+
+@given(maps(), st.binary(max_size=60))
+def test_random_bytes_are_refused_or_a_delta(base: VectorMap, payload: bytes) -> None:
+    try:
+        apply(base, protocol.decode(payload, base, robot="r"))
+    except (WireError, ValueError) as error:
+        assert isinstance(error, WireError) or "delta" in str(error)
+
+
+@settings(max_examples=150)
+@given(maps(), maps(), st.data())
+def test_damaged_payloads_are_refused_or_a_delta(old: VectorMap, new: VectorMap, data: st.DataObject) -> None:
+    payload = bytearray(protocol.encode(diff(old, new), old))
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(payload) - 1))
+        payload[place] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, len(payload)))
+    for damaged in (bytes(payload), bytes(payload[:cut])):
+        try:
+            delta = protocol.decode(damaged, old, robot="r")
+        except WireError as error:
+            assert error.robot == "r"
+            assert error.size_bytes == len(damaged)
+        else:
+            assert find_rows(old.edges, delta.removed).min(initial=0) >= 0
+
+
+def test_a_bomb_is_refused_before_it_expands() -> None:
+    bomb = bytes([0x10]) + deflate(b"\x00" * (64 << 20))
+    assert len(bomb) < 100_000
+    with pytest.raises(WireError, match="longer than"):
+        protocol.decode(bomb, EMPTY, robot="r")
+
+
+@pytest.mark.parametrize(
+    ("counts", "reason"),
+    [
+        ([1, 0, 0, 0, 0, 0], "expected 1 more"),
+        ([0, 0, 0, 2**34, 0, 0], "more numbers"),
+        ([0, 0, 0, 1, 0, 0, 1], "no root"),
+        ([0, 0, 0, 0, 0, 0, 7], "left over"),
+        ([1, 0, 0, 0, 0, 0, 5], "not below"),
+        ([0, 0, 1, 1, 0, 0, 0, 0, 2 * 3 * 2**32], "longer than the payload"),
+        ([0, 0, 1, 1, 1, 0, 0, 0, 0, 0, 1, 9, 5], "thickness"),
+        ([0, 0, 1, 1, 0, 0, 2**34, 0, 2, 0, 1], "farther"),
+    ],
+)
+def test_counts_that_lie_are_refused(counts: list[int], reason: str) -> None:
+    payload = b"\x00" + encode_leb128(np.array(counts, np.int64))
+    with pytest.raises(WireError, match=reason):
+        protocol.decode(payload, EMPTY, robot="r")
+
+
+@pytest.mark.parametrize("payload", [b"", b"\x0f", b"\x40", b"\x10", b"\x10\xff"])
+def test_what_is_no_payload_is_refused(payload: bytes) -> None:
+    with pytest.raises(WireError):
+        protocol.decode(payload, EMPTY, robot="r")
+
+
+def test_a_delta_that_does_not_fit_its_base_is_refused() -> None:
+    old, new = a_map([(0, 0, 0, 5, 1, 4)]), a_map([(0, 0, 3, 5, 1, 4)])
+    with pytest.raises(ValueError, match="does not have"):
+        apply(new, diff(old, new))
+    with pytest.raises(ValueError, match="twice"):
+        apply(new, diff(EMPTY, new))
+    with pytest.raises(ValueError, match="lattices"):
+        diff(old, VectorMap.empty(Lattice(20_000)))
+
+
+@given(st.lists(st.integers(0, 2**35 - 1)))
+def test_leb128_comes_back(values: list[int]) -> None:
+    assert decode_leb128(encode_leb128(np.array(values, np.int64))).tolist() == values
+
+
+@given(st.lists(st.integers(0, 2**35 - 1), min_size=1))
+def test_leb128_is_the_plain_one(values: list[int]) -> None:
+    plain = bytearray()
+    for value in values:
+        while value > 127:
+            plain.append(128 | (value & 127))
+            value >>= 7
+        plain.append(value)
+    assert encode_leb128(np.array(values, np.int64)) == bytes(plain)
+
+
+@pytest.mark.parametrize("data", [b"\x80", b"\x80\x00", b"\xff" * 5 + b"\x01"])
+def test_leb128_has_one_form(data: bytes) -> None:
+    with pytest.raises(ValueError, match="number"):
+        decode_leb128(data)
+
+
+def test_leb128_refuses_what_it_cannot_write() -> None:
+    for value in (-1, 2**35):
+        with pytest.raises(ValueError, match="2\\^35"):
+            encode_leb128(np.array([value], np.int64))
+
+
+@given(st.lists(st.integers(-(2**40), 2**40)))
+def test_zigzag_comes_back(values: list[int]) -> None:
+    array = np.array(values, np.int64)
+    assert zigzag(array).min(initial=0) >= 0
+    assert np.array_equal(unzigzag(zigzag(array)), array)
+
+
+def test_inflate_is_exact() -> None:
+    data = deflate(b"abc" * 100)
+    assert inflate(data, max_bytes=300) == b"abc" * 100
+    for damaged in (data[:-1], data + b"x", b"\xff"):
+        with pytest.raises(ValueError, match="deflate"):
+            inflate(damaged, max_bytes=300)
+    with pytest.raises(ValueError, match="longer than 299"):
+        inflate(data, max_bytes=299)
+
+
+def test_golden_payloads_are_read(request: pytest.FixtureRequest) -> None:
+    """The bytes of format version 1: a change here breaks every fleet that is under way."""
+    golden = Path(request.path).parent / "data" / "mode0.hex"
+    lines = [line.split() for line in golden.read_text().splitlines() if line and not line.startswith("#")]
+    base = EMPTY
+    for payload_hex, digest in lines:
+        payload = bytes.fromhex(payload_hex)
+        delta = protocol.decode(payload, base, robot="golden")
+        assert protocol.encode(delta, base) == payload
+        base = apply(base, delta)
+        assert f"{base.digest:016x}" == digest
+    assert len(lines) == 3
