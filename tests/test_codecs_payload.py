@@ -6,15 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fleetmap.codecs import protocol
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleetmap.codecs import mode0, protocol
 from fleetmap.codecs.deflate import deflate, inflate
 from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
 from fleetmap.model.delta import apply, diff, find_rows
-from fleetmap.model.errors import WireError
+from fleetmap.model.errors import ConfigError, WireError
 from fleetmap.model.lattice import MAX_COORDINATE, Lattice
 from fleetmap.model.vectormap import VectorMap
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 LATTICE = Lattice(50_000)
 LABELS = (1, 2, 3, 5, 6, 7)
@@ -110,6 +111,12 @@ def test_a_bomb_is_refused_before_it_expands() -> None:
     assert len(bomb) < 100_000
     with pytest.raises(WireError, match="longer than"):
         protocol.decode(bomb, EMPTY, robot="r")
+
+
+def test_a_map_that_no_peer_could_read_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mode0, "MAX_INFLATED_BYTES", 20)
+    with pytest.raises(ConfigError, match="submaps"):
+        protocol.encode(diff(EMPTY, a_map([(i, 0, i, 5, 1, 4) for i in range(9)])), EMPTY)
 
 
 @pytest.mark.parametrize(

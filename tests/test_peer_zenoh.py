@@ -172,6 +172,18 @@ async def test_a_robot_that_is_killed_is_noticed(endpoint: str) -> None:
             await victim.wait()
 
 
+async def test_a_link_that_is_opened_anew_finds_the_fleet_again(endpoint: str) -> None:
+    async with first(endpoint) as a, further(endpoint, "b") as b:
+        await b.publish(room(60))
+        await a.synced(TIMEOUT_S, at_least=1)
+        await b._link.reopen()
+        await b.publish(room(61))
+        await until(a, lambda: a.peers[0].alive and a.peers[0].seq == 3)
+        await a.publish(room(20))
+        await until(b, lambda: bool(b.peers) and b.peers[0].alive and b.peers[0].seq == 2)
+        assert (await a.synced(TIMEOUT_S, at_least=1)).digest == (await b.synced(TIMEOUT_S, at_least=1)).digest
+
+
 async def test_a_port_in_use_is_a_link_error(endpoint: str) -> None:
     async with first(endpoint):
         with pytest.raises(fleetmap.LinkError, match="tcp/"):

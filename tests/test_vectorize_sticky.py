@@ -50,9 +50,8 @@ def rows(vector_map):
 def test_the_same_grid_twice_is_the_same_map(seed, share):
     rng = np.random.default_rng(seed)
     grid = observe(world(seed, 80), 0.4, rng)
-    cells = np.where(
-        rng.random(grid.cells_yx.shape) < share, rng.choice([-1, 0, 100], grid.cells_yx.shape), grid.cells_yx
-    )
+    noise = rng.random(grid.cells_yx.shape) < share
+    cells = np.where(noise, rng.choice([-1, 0, 100], noise.shape), grid.cells_yx)
     grid = OccupancyGrid(cells.astype(np.int8), 0.05)
     vectorizer = Vectorizer()
     first = vectorizer.update(grid)

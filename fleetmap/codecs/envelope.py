@@ -5,152 +5,41 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import msgpack
 
-from fleetmap.model.errors import ConfigError, FleetmapError, WireError
-from fleetmap.model.lattice import EPSILON_CELLS, Lattice
+from fleetmap.codecs.messages import (
+    MAX_CHUNK_BYTES,
+    MAX_CHUNKS,
+    MAX_COUNTER,
+    MAX_EPSILON_CELLS,
+    MAX_MESSAGE_BYTES,
+    MAX_MM,
+    MAX_ROWS,
+    NAME,
+    PROFILES,
+    Change,
+    GoalMessage,
+    Header,
+    Heartbeat,
+    MapHeader,
+    Message,
+    PoseMessage,
+    Record,
+    Revision,
+    RevisionList,
+    SnapshotChunk,
+    SubmapChange,
+    Want,
+)
+from fleetmap.model.errors import FleetmapError, WireError
+from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import MAX_UM, Q30, FixedPose
 
 VERSION = 1
-NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-"""Names of robots, fleets, levels and submaps."""
-MAX_MESSAGE_BYTES = 16 << 20
-MAX_CHUNK_BYTES = 256 << 10
-MAX_CHUNKS = 64
-"""A snapshot has at most 16 MB."""
-MAX_ROWS = 4096
-"""Longest list in a message: submaps of a record, revisions of a list."""
-MAX_COUNTER = (1 << 32) - 1
-MAX_MM = MAX_UM // 1000
-PROFILES = ("share", "full", "exact")
-MAX_EPSILON_CELLS = 1000.0
-
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """What holds for a whole stream: level, T_fleet_robot if it is known, and streams that its author revokes.
-
-    ``forgets`` names (robot, epoch): streams of that robot up to that epoch are to be dropped.
-    """
-
-    level: str = "0"
-    start: FixedPose | None = None
-    forgets: tuple[tuple[str, int], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class MapHeader:
-    """What a vector map is besides its edges; the empty map of this header is a snapshot's base."""
-
-    lattice: Lattice
-    epsilon_cells: float = EPSILON_CELLS
-    profile: str = "share"
-
-
-@dataclass(frozen=True, slots=True)
-class SubmapChange:
-    """What changed in one submap; None means unchanged.
-
-    With a ``map_header`` the payload is a delta from the empty map of that header, else from the submap's map.
-    """
-
-    submap: str
-    anchor: FixedPose | None
-    map_header: MapHeader | None
-    payload: bytes | None
-
-
-@dataclass(frozen=True, slots=True)
-class Change:
-    """The step from one revision of a stream to the next, or from nothing to a revision."""
-
-    header: Header | None
-    submaps: tuple[SubmapChange, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Revision:
-    """Which state of an author's stream: epoch, sequence number (0: nothing yet) and 64-bit digest."""
-
-    epoch: int
-    seq: int
-    digest: int
-
-
-@dataclass(frozen=True, slots=True)
-class Record:
-    """One revision of an author's stream, as a change from the revision before it."""
-
-    KIND: ClassVar[int] = 1
-    revision: Revision
-    change: Change
-
-
-@dataclass(frozen=True, slots=True)
-class SnapshotChunk:
-    """Part ``index`` of ``count`` of a packed change from nothing to a revision."""
-
-    KIND: ClassVar[int] = 2
-    revision: Revision
-    index: int
-    count: int
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
-    """How far the sender's own stream is, and one hash over the revisions of all streams that it holds."""
-
-    KIND: ClassVar[int] = 3
-    epoch: int
-    seq: int
-    held: int
-
-
-@dataclass(frozen=True, slots=True)
-class Want:
-    """The revision of a stream that the asker has; the answer is what it lacks. Epoch 0: it has none."""
-
-    KIND: ClassVar[int] = 4
-    revision: Revision
-
-
-@dataclass(frozen=True, slots=True)
-class RevisionList:
-    """All streams that the sender holds: (robot, revision), ascending."""
-
-    KIND: ClassVar[int] = 5
-    revisions: tuple[tuple[str, Revision], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PoseMessage:
-    """Where the sender is in its map frame of that epoch: millimetres and milliradians."""
-
-    KIND: ClassVar[int] = 6
-    epoch: int
-    x_mm: int
-    y_mm: int
-    yaw_mrad: int
-
-
-@dataclass(frozen=True, slots=True)
-class GoalMessage:
-    """Where the sender is going, in its map frame, millimetres; None: nowhere."""
-
-    KIND: ClassVar[int] = 7
-    epoch: int
-    goal_mm: tuple[int, int] | None
-
-
-Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage
 
 
 def encode(message: Message) -> bytes:
@@ -200,7 +89,7 @@ def map_header_fields(header: MapHeader) -> list[object]:
     return [
         header.lattice.resolution_um,
         _pose_out(header.lattice.T_frame_lattice),
-        header.epsilon_cells,
+        float(header.epsilon_cells),
         PROFILES.index(header.profile),
     ]
 
@@ -218,18 +107,6 @@ def read_map_header(fields: object) -> MapHeader:
         epsilon_cells,
         PROFILES[_integer(profile, 0, len(PROFILES) - 1)],
     )
-
-
-def check_name(option: str, name: str) -> str:
-    """The name, if it is one.
-
-    Raises
-    ------
-    ConfigError : it is not 1 to 64 of the characters A-Z a-z 0-9 _ . -
-    """
-    if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise ConfigError(option=option, value=name, reason="expected 1 to 64 of A-Z a-z 0-9 _ . -")
-    return name
 
 
 def _guarded(data: bytes, robot: str, read: Callable[[], T]) -> T:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from fleetmap.codecs import protocol
 from fleetmap.codecs.deflate import deflate, inflate
-from fleetmap.codecs.envelope import VERSION, MapHeader, map_header_fields, read_map_header
+from fleetmap.codecs.envelope import VERSION, map_header_fields, read_map_header
 from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
+from fleetmap.codecs.messages import MapHeader
 from fleetmap.model.delta import apply, diff
 from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
 from fleetmap.model.lattice import MAX_COORDINATE

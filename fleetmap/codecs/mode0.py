@@ -14,6 +14,7 @@ from fleetmap.codecs.deflate import deflate, inflate
 from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
 from fleetmap.model.arcs import flip
 from fleetmap.model.delta import MapDelta, find_rows
+from fleetmap.model.errors import ConfigError
 from fleetmap.model.lattice import MAX_COORDINATE
 from fleetmap.model.vectormap import VectorMap, canonical_edges
 
@@ -31,7 +32,12 @@ COUNTS = 6
 
 
 def encode(delta: MapDelta, base: VectorMap) -> bytes:
-    """A delta against ``base`` as bytes; the first one is the mode and its flags."""
+    """A delta against ``base`` as bytes; the first one is the mode and its flags.
+
+    Raises
+    ------
+    ConfigError : the delta is larger than a payload may be
+    """
     known = _endpoints(delta.removed)
     chains = find_chains(delta.added, map(tuple, known.tolist()))
     starts = np.array([c.points[0] for c in chains if not c.continues], np.int64).reshape(-1, 2)
@@ -61,6 +67,11 @@ def encode(delta: MapDelta, base: VectorMap) -> bytes:
         ]
     )
     body = encode_leb128(numbers)
+    if len(body) > MAX_INFLATED_BYTES:
+        reason = (
+            f"takes {len(body)} B; a payload may take {MAX_INFLATED_BYTES} B: use several submaps, or a larger epsilon"
+        )
+        raise ConfigError(option="map", value=f"{len(delta)} changed edges", reason=reason)
     flags = MODE | (THICK_FRONTIERS if thick_frontiers else 0)
     squeezed = deflate(body)
     if len(squeezed) < len(body):

@@ -9,8 +9,8 @@ from fleetmap.model.delta import MapDelta, diff
 from fleetmap.model.errors import WireError
 from fleetmap.model.vectormap import VectorMap
 
-MAX_PAYLOAD_BYTES = 4 << 20
-"""Longest payload that is read."""
+MAX_PAYLOAD_BYTES = (4 << 20) + 1
+"""Longest payload that is read: 4 MB and the byte that says what they are."""
 
 
 class PayloadCodec(Protocol):
@@ -31,7 +31,12 @@ CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0}
 
 
 def encode(delta: MapDelta, base: VectorMap, *, mode: int = mode0.MODE) -> bytes:
-    """A delta against ``base`` as a payload. A snapshot is a delta against the empty map."""
+    """A delta against ``base`` as a payload. A snapshot is a delta against the empty map.
+
+    Raises
+    ------
+    ConfigError : the delta is larger than a payload may be
+    """
     return CODECS[mode].encode(delta, base)
 
 

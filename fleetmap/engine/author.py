@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from fleetmap.codecs.envelope import MAX_CHUNK_BYTES, Header
+from fleetmap.codecs.messages import MAX_CHUNK_BYTES, Header
 from fleetmap.engine.log import RecordLog, record_message, snapshot_messages
 from fleetmap.engine.stream import Stream, Submap
 

@@ -7,34 +7,40 @@ comes from the network raises; what is refused is counted by robot, kind and rea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
-from fleetmap.codecs.envelope import (
+from fleetmap.codecs.messages import (
+    MAX_EPSILON_CELLS,
+    MAX_MM,
     NAME,
+    PROFILES,
     GoalMessage,
     Header,
     Heartbeat,
+    Message,
     PoseMessage,
     Record,
     Revision,
     RevisionList,
     SnapshotChunk,
     Want,
+    check_name,
 )
 from fleetmap.engine.author import Author, revoking
 from fleetmap.engine.catchup import GRACE_S, LIST, Catchup, Key
 from fleetmap.engine.changes import changed_events
 from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.log import answer
-from fleetmap.engine.outputs import Ask, Changed, EpochChanged, NameTaken, Output, PeersChanged, Put
+from fleetmap.engine.outputs import Ask, Changed, Detour, EpochChanged, NameTaken, Output, PeersChanged, Put
 from fleetmap.engine.replica import Outcome, Replica
 from fleetmap.engine.stream import Stream, Submap
 from fleetmap.engine.teammates import Teammates
 from fleetmap.model.errors import ConfigError, WireError
-from fleetmap.model.pose import FixedPose
+from fleetmap.model.pose import FixedPose, wrap
 from fleetmap.model.vectormap import VectorMap
 
 MAX_PEERS = 512
@@ -64,9 +70,9 @@ class Engine:
         heartbeat_s: float = 2.0,
         ledger: Ledger | None = None,
     ) -> None:
-        self.robot, self.instance = envelope.check_name("robot", robot), instance
+        self.robot, self.instance = check_name("robot", robot), instance
         self.ledger = ledger or Ledger()
-        header = Header(envelope.check_name("level", level), start)
+        header = Header(check_name("level", level), start)
         self.author = Author(Stream(robot, epoch, 0, header))
         self.holdings = Holdings(self.author)
         self.alive: dict[str, set[tuple[int, str]]] = {}
@@ -91,9 +97,12 @@ class Engine:
 
         Raises
         ------
-        ConfigError : the name is none, or the whole map grew beyond what a snapshot may hold
+        ConfigError : the name or the profile is none, or the whole map grew beyond what a snapshot may hold
         """
-        envelope.check_name("submap", submap)
+        check_name("submap", submap)
+        if vector_map.profile not in PROFILES or not 0 <= vector_map.epsilon_cells <= MAX_EPSILON_CELLS:
+            told = (vector_map.profile, vector_map.epsilon_cells)
+            raise ConfigError(option="map", value=told, reason=f"expected {PROFILES} and at most {MAX_EPSILON_CELLS}")
         return self._commit(submaps={**self.own.submaps, submap: Submap(vector_map, anchor or FixedPose())})
 
     def set_start(self, start: FixedPose | None) -> bool:
@@ -115,13 +124,24 @@ class Engine:
         return done
 
     def set_pose(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Announce where the robot is, in its map frame."""
-        message = PoseMessage(self.own.epoch, round(x_m * 1e3), round(y_m * 1e3), round(yaw_rad * 1e3))
-        self._say("pose", envelope.encode(message))
+        """Announce where the robot is, in its map frame.
+
+        Raises
+        ------
+        ConfigError : a number is not finite, or too large
+        """
+        x_mm, y_mm = _millimetres("pose", (x_m, y_m))
+        yaw_mrad = round(wrap(yaw_rad) * 1e3)
+        self._say("pose", envelope.encode(PoseMessage(self.own.epoch, x_mm, y_mm, yaw_mrad)))
 
     def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
-        """Announce where the robot is going, in its map frame; None: nowhere."""
-        goal_mm = None if goal_xy is None else (round(goal_xy[0] * 1e3), round(goal_xy[1] * 1e3))
+        """Announce where the robot is going, in its map frame; None: nowhere.
+
+        Raises
+        ------
+        ConfigError : a number is not finite, or too large
+        """
+        goal_mm = None if goal_xy is None else _millimetres("goal", goal_xy)
         self._say("goal", envelope.encode(GoalMessage(self.own.epoch, goal_mm)))
 
     # What the link says
@@ -251,7 +271,7 @@ class Engine:
         self.ledger.sent(suffix, len(payload))
         self._outputs.append(Put(suffix, payload))
 
-    def _on_message(self, robot: str, suffix: str, raw: bytes, message: envelope.Message, now_s: float) -> None:
+    def _on_message(self, robot: str, suffix: str, raw: bytes, message: Message, now_s: float) -> None:
         match suffix, message:
             case "delta", Record():
                 self._on_revision(robot, message, raw, now_s)
@@ -273,6 +293,8 @@ class Engine:
         outcome = replica.offer(message, raw) if isinstance(message, Record) else replica.offer_chunk(message)
         if outcome is Outcome.APPLIED:
             self._outputs.extend(changed_events(before, replica.stream))
+            if robot not in self.alive and before.seq > 0:
+                self._outputs.append(Detour(robot))
             if before.header != replica.stream.header:
                 self._drop_revoked()
             self._dropped(self.holdings.drop_oldest(robot))
@@ -378,6 +400,14 @@ class Engine:
         if replica is None or replica.suspect:
             raise WireError(robot=robot, size_bytes=len(payload), reason="stream not held")
         return answer(replica.stream, replica.log, want.revision)
+
+
+def _millimetres(option: str, point_xy: tuple[float, float]) -> tuple[int, int]:
+    if not all(math.isfinite(v) and abs(v) * 1e3 <= MAX_MM for v in point_xy):
+        raise ConfigError(
+            option=option, value=point_xy, reason=f"expected finite numbers of at most {MAX_MM // 1000} m"
+        )
+    return round(point_xy[0] * 1e3), round(point_xy[1] * 1e3)
 
 
 def _short(error: WireError | ConfigError) -> str:

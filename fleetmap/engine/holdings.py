@@ -30,8 +30,8 @@ class Holdings:
         return self.author.stream
 
     def streams(self) -> list[Stream]:
-        """All streams that are held, the own one too, ascending by robot and epoch."""
-        held = [self.own, *(r.stream for r in self.replicas.values() if r.stream.seq > 0)]
+        """All streams that are held, the own one too, ascending by robot and epoch. Any thread may call it."""
+        held = [self.own, *(r.stream for r in list(self.replicas.values()) if r.stream.seq > 0)]
         return sorted(held, key=lambda s: (s.robot, s.epoch))
 
     def held_hash(self) -> int:

@@ -4,15 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from fleetmap.codecs.envelope import (
-    MAX_CHUNK_BYTES,
-    MAX_CHUNKS,
-    Record,
-    Revision,
-    SnapshotChunk,
-    encode,
-    encode_change,
-)
+from fleetmap.codecs.envelope import encode, encode_change
+from fleetmap.codecs.messages import MAX_CHUNK_BYTES, MAX_CHUNKS, Record, Revision, SnapshotChunk
 from fleetmap.engine.stream import Stream, change_between
 from fleetmap.model.errors import ConfigError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fleetmap.codecs.envelope import Revision
+from fleetmap.codecs.messages import Revision
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,16 @@ class PeersChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class Detour:
+    """The stream of a robot that seems absent advanced, through a mirror: the link to it may be broken."""
+
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
 class NameTaken:
     """Another living peer has the own name, and came first."""
 
 
-Output = Put | Ask | EpochChanged | Changed | PeersChanged | NameTaken
+Event = EpochChanged | Changed | PeersChanged | Detour | NameTaken
+Output = Put | Ask | Event

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from fleetmap.codecs.envelope import Record, Revision, SnapshotChunk, decode_change
+from fleetmap.codecs.envelope import decode_change
+from fleetmap.codecs.messages import Record, Revision, SnapshotChunk
 from fleetmap.engine.log import RecordLog
 from fleetmap.engine.stream import Stream, advance
 from fleetmap.model.errors import WireError

@@ -16,14 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fleetmap.codecs import protocol
-from fleetmap.codecs.envelope import (
-    PROFILES,
-    Change,
-    Header,
-    MapHeader,
-    Revision,
-    SubmapChange,
-)
+from fleetmap.codecs.messages import PROFILES, Change, Header, MapHeader, Revision, SubmapChange
 from fleetmap.model.delta import apply, diff
 from fleetmap.model.errors import WireError
 from fleetmap.model.hashing import hash_ints, hash_text

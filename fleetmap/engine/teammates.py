@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from fleetmap.codecs.envelope import GoalMessage, PoseMessage
+from fleetmap.codecs.messages import GoalMessage, PoseMessage
 from fleetmap.model.errors import WireError
 
 MAX_TEAMMATES = 512

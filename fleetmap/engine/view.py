@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fleetmap.codecs.envelope import Revision
+from fleetmap.codecs.messages import Revision
 from fleetmap.engine.engine import Engine
 from fleetmap.merge.protocol import Source
 

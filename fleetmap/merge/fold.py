@@ -1,7 +1,8 @@
-"""The fold: from all sources to the merged map, by integers only.
+"""The fold: from all sources to the merged map, in six steps, by integers only.
 
 A pure function: no float, clock, hash order or randomness decides anything, so equal sources give equal bytes
-on every peer and every machine (laws 0 to 2 in docs/decisions/merging.md).
+on every peer and every machine. Steps 3 and 4 could take any directed cycles: see ``place`` for why that makes
+snapping and rounding safe.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from fleetmap.merge.select import select
 from fleetmap.merge.simplify import simplify
 from fleetmap.merge.snap import snap
 from fleetmap.model.errors import MapFormatError
-from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.mergedmap import FLEET_UM, MergedMap
 
 SNAP_CELLS = 1
 """How far snapping may move a vertex or an edge, in cells (see ``pair_cell``)."""
@@ -42,18 +43,31 @@ def fold(sources: Iterable[Source]) -> MergedMap:
     -------
     MergedMap : its ``tolerance`` bounds what laws 3 to 5 allow: how far a wall may have moved
     """
+    # 1. Onto the fleet lattice, free space to the left; sorted by content, each content once.
     placed = canonical(sources)
     if sum(len(p.ends) for p in placed) == 0:
         return MergedMap(np.zeros((0, 8), np.int32))
-    arrangement = arrange(snap(placed, reach_cells=SNAP_CELLS))
+    cells = [p.cell for p in placed]
+
+    # 2. Draw the maps of different robots together where they tell of the same wall.
+    snapped = snap(placed, reach_cells=SNAP_CELLS)
+
+    # 3. One arrangement: pieces that meet only at vertices, equal where edges overlap.
+    arrangement = arrange(snapped)
+
+    # 4. On which sides of each piece is free space of any source?
     left, right = side_states(arrangement)
+
+    # 5. The boundaries of the united free space, and the walls that nothing explains.
     rows = select(arrangement, left, right, reach_cells=SECOND_SIGHT_CELLS)
-    finest = min(p.cell for p in placed)
-    rows = simplify(rows, slack=finest // 2, depth_slack=finest)
+
+    # 6. As few edges as half a cell allows, in canonical order.
+    rows = simplify(rows, slack=min(cells) // 2, depth_slack=min(cells))
     return MergedMap(
         rows.astype(np.int32),
-        resolution_um=min(p.resolution_um for p in placed),
-        tolerance=tolerance([p.cell for p in placed]),
+        # At least one lattice step, whatever a robot claims: to_grid's default must be a possible one.
+        resolution_um=max(FLEET_UM, min(p.resolution_um for p in placed)),
+        tolerance=tolerance(cells),
     )
 
 

@@ -20,7 +20,7 @@ from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import THICKNESS_PER_CELL
 
 MAX_LENGTH = 1 << 16
-"""Longest edge along one axis, in lattice steps (328 m): intersections then fit 52 bits (arrange_kernels)."""
+"""Longest edge along one axis, in lattice steps (328 m): intersections then fit 55 bits (arrange_kernels)."""
 
 MAX_THICKNESS = 1 << 14
 """Deepest wall, in lattice steps (82 m): a bound for what another robot may claim."""

@@ -1,8 +1,9 @@
 """Integer kernel of the selection: which walls are second sights of walls that stay.
 
-Why int64 suffices: a sample lies in the box of a wall (at most 2^16 along an axis) grown by ``reach`` <= 2^13,
-so cross and dot products stay below 2^35. A distance is compared as cross^2 <= reach^2 length^2 only where
-|cross| <= reach * (|dx| + |dy|) <= 2^30, which the bound implies; both sides are then at most 2^60.
+Why int64 suffices: a point is compared only with walls (at most 2^17 along an axis) whose box, grown by ``reach``
+<= 2^13, holds it, so cross and dot products stay below 2^36. A distance is compared as
+cross^2 <= reach^2 length^2 only where |cross| <= reach * (|dx| + |dy|) <= 2^31, which that implies; both sides are
+then at most 2^62.
 """
 
 from __future__ import annotations

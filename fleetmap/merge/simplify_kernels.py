@@ -1,8 +1,8 @@
 """Integer kernels of the simplification: chains, and how far a chord may reach along one.
 
-Why int64 suffices: a chord spans at most 2^16 along each axis, ``slack`` is at most 2^13, and points are only
-compared with chords whose box, grown by the slack, holds them: products stay below 2^35, and ``within`` states
-its own bounds.
+Why int64 suffices: a chord spans at most 2^16 along each axis (2^17 if it is a piece as it was), ``slack`` is at
+most 2^13, and points are only compared with chords whose box, grown by the slack, holds them: products stay below
+2^36, and ``within`` states its own bounds.
 """
 
 from __future__ import annotations

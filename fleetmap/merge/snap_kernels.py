@@ -1,8 +1,8 @@
 """Integer kernels of the snapping.
 
-Why int64 suffices: points compared lie within ``reach`` <= 2^13 of each other or of an edge's box (at most 2^16
-along an axis); an edge's direction times a tangent, the sum of a vertex's edges, stays below 2^40 for up to
-2^7 edges at a vertex of one source, and below 2^63 for 2^29 of them.
+Why int64 suffices: points compared lie within 2^13 of each other or of an edge's box (at most 2^16 along an
+axis), so their products stay below 2^35. A tangent is the sum of the edges at a vertex of one source: times a
+direction it is below 2^34 per edge, so 2^28 edges at one vertex fit.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from fleetmap.codecs.envelope import Revision
+from fleetmap.codecs.messages import Revision
 from fleetmap.engine import Changed
 
 RevisionVector = tuple[tuple[str, Revision], ...]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 
-from fleetmap.codecs.envelope import RevisionList, decode
+from fleetmap.codecs.envelope import decode
+from fleetmap.codecs.messages import RevisionList
 from fleetmap.model.errors import WireError
 from fleetmap.peer.link import Link
 

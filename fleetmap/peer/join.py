@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping, Sequence
 
-from fleetmap.codecs.envelope import check_name
+from fleetmap.codecs.messages import check_name
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.link import Link

@@ -53,6 +53,10 @@ class Link(Protocol):
         """Query the key of another robot (``*``: of all); ``on_end`` is called once, after the last reply."""
         ...
 
+    async def reopen(self) -> None:
+        """Connect anew, with the token shown last; each peer's token is seen to vanish, and to appear if it lives."""
+        ...
+
     async def close(self) -> None:
         """Disconnect; nothing is delivered after it. May be called twice."""
         ...

@@ -222,6 +222,18 @@ class MemoryLink:
         if self._receiver is not None:
             self._receiver.query(suffix, payload, reply)
 
+    async def reopen(self) -> None:
+        """Connect anew."""
+        receiver, token = self._receiver, self.token
+        if receiver is None:
+            return
+        for other in self._hub.others(self):
+            if other.token is not None:
+                receiver.gone(other.token)
+        self.vanish()
+        self.connect(receiver)
+        self.show(token)
+
     async def close(self) -> None:
         """Disconnect."""
         self.vanish()

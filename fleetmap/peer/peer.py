@@ -9,14 +9,14 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncGenerator, Callable, Iterable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
-from fleetmap.engine import Ask, Changed, Engine, EpochChanged, NameTaken, PeersChanged, Put
+from fleetmap.engine import Ask, Changed, Detour, Engine, EpochChanged, Event, NameTaken, PeersChanged, Put
 from fleetmap.engine.view import View, view
 from fleetmap.model.errors import FleetmapError, LinkError, NameInUse
 from fleetmap.model.grid import OccupancyGrid
@@ -30,6 +30,7 @@ from fleetmap.peer.inbox import Alive, Gone, Inbox, Item, Message, Query, Reply,
 from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, peer_infos, teammate_infos
 from fleetmap.peer.link import Link
 from fleetmap.peer.publisher import GridPublisher
+from fleetmap.peer.supervisor import LinkSupervisor
 
 if TYPE_CHECKING:
     from fleetmap.planners.protocol import Path
@@ -53,6 +54,11 @@ class Peer:
     instance : tells two living peers of one name apart
     clock : seconds, only ever growing
     fold_interval_s : at least so long between two folds that nobody waits for
+    heartbeat_s, baselines : see ``fleetmap.join``
+
+    Attributes
+    ----------
+    stepped : notified after everything that the engine did, for programs that wait for a state of ``peers``
     """
 
     def __init__(
@@ -80,14 +86,15 @@ class Peer:
         self._engine = self._make_engine(epoch=1)
         self._publisher = GridPublisher(self._ledger, baselines=baselines)
         self._folder = Folder(self._look, interval_s=fold_interval_s, clock=clock)
-        self.stepped = asyncio.Condition()
+        self._supervisor = LinkSupervisor()
+        self.stepped, self._steps = asyncio.Condition(), 0
         self._tasks: list[asyncio.Task[None]] = []
         self._failure: FleetmapError | None = None
         self._state = "new"
 
     # Life
 
-    def __await__(self) -> object:
+    def __await__(self) -> Generator[object, None, Self]:
         """``peer = await fleetmap.join(...)``; call ``close`` when done."""
         return self._open().__await__()
 
@@ -117,7 +124,7 @@ class Peer:
             raise
         for token in tokens:
             self._inbox.alive(token)
-        self._tasks = [asyncio.create_task(self._pump()), asyncio.create_task(self._folder.run())]
+        self._tasks = [asyncio.create_task(self._guard(work)) for work in (self._pump, self._folder.run)]
         return self
 
     async def close(self) -> None:
@@ -133,8 +140,7 @@ class Peer:
         await self._link.close()
         self._executor.shutdown(wait=False)
         self._folder.close()
-        async with self.stepped:
-            self.stepped.notify_all()
+        await self._notify()
 
     # Say
 
@@ -253,6 +259,7 @@ class Peer:
 
     async def refresh(self) -> MergedMap:
         """Fold all that is held now; ``merged`` is that map afterwards."""
+        self._check()
         return await self._folder.refresh()
 
     async def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
@@ -270,16 +277,23 @@ class Peer:
         self._check()
 
         def missing() -> list[str]:
-            self._check()
             seen = len(self._engine.alive)
             return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
 
         await self._run(self._ask_lists)
+        lacking: list[str] = []
         try:
-            async with asyncio.timeout(timeout_s), self.stepped:
-                await self.stepped.wait_for(lambda: not missing())
+            async with asyncio.timeout(timeout_s):
+                while True:
+                    step = self._steps
+                    lacking = await self._read(missing)
+                    self._check()
+                    if not lacking:
+                        break
+                    async with self.stepped:
+                        await self.stepped.wait_for(lambda: self._steps != step)  # noqa: B023 - awaited here
         except TimeoutError:
-            raise TimeoutError(f"{self.robot}: after {timeout_s} s still missing: {', '.join(missing())}") from None
+            raise TimeoutError(f"{self.robot}: after {timeout_s} s still missing: {', '.join(lacking)}") from None
         return await self.refresh()
 
     def plan(
@@ -320,7 +334,7 @@ class Peer:
     async def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Run an engine call in the engine's thread, then do what came out of it."""
 
-        def run() -> tuple[R, list[Changed | PeersChanged | EpochChanged | NameTaken]]:
+        def run() -> tuple[R, list[Event]]:
             result = call(*args, **kwargs)
             return result, self._carry_out()
 
@@ -328,8 +342,12 @@ class Peer:
         await self._handle(events)
         return result
 
+    async def _read(self, call: Callable[[], R]) -> R:
+        """Ask the engine something, in its thread: nothing changes meanwhile."""
+        return await asyncio.get_running_loop().run_in_executor(self._executor, call)
+
     async def _look(self) -> View:
-        return await self._run(view, self._engine)
+        return await self._read(partial(view, self._engine))
 
     async def _run_publish(self, anchor: FixedPose, submap: str, vector_map: VectorMap) -> bool:
         return await self._run(self._engine.publish, submap, vector_map, anchor=anchor)
@@ -339,9 +357,9 @@ class Peer:
             self._engine.ask_list(robot, now_s=self._clock())
         self._engine.tick(self._clock())
 
-    def _carry_out(self) -> list[Changed | PeersChanged | EpochChanged | NameTaken]:
+    def _carry_out(self) -> list[Event]:
         """Hand the engine's outputs to the link; the events are left."""
-        events: list[Changed | PeersChanged | EpochChanged | NameTaken] = []
+        events: list[Event] = []
         for output in self._engine.take_outputs():
             match output:
                 case Put(suffix, payload):
@@ -358,22 +376,45 @@ class Peer:
                     events.append(event)
         return events
 
-    async def _handle(self, events: Iterable[Changed | PeersChanged | EpochChanged | NameTaken]) -> None:
+    async def _handle(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
                 case Changed():
                     self._folder.add([event])
                 case PeersChanged(robot, alive):
                     logger.info("%s: %s is %s", self.robot, robot, "alive" if alive else "absent")
+                    if alive:
+                        self._supervisor.linked(robot)
+                case Detour(robot):
+                    if self._supervisor.detour(robot, self._clock()):
+                        logger.warning("%s: %s lives but is not linked; connecting anew", self.robot, robot)
+                        await self._link.reopen()
                 case EpochChanged(epoch):
                     await self._link.declare_alive(epoch, self._instance)
                 case NameTaken():
-                    self._failure = NameInUse(robot=self.robot, fleet=self.fleet)
-                    logger.error("%s", self._failure)
-                    self._folder.close()
-                    await self._link.close()
+                    await self._fail(NameInUse(robot=self.robot, fleet=self.fleet))
+        await self._notify()
+
+    async def _notify(self) -> None:
         async with self.stepped:
+            self._steps += 1
             self.stepped.notify_all()
+
+    async def _fail(self, error: FleetmapError) -> None:
+        """Leave the fleet; every call raises this error from now on."""
+        logger.error("%s: %s", self.robot, error)
+        self._failure = error
+        self._folder.close()
+        await self._link.close()
+
+    async def _guard(self, work: Callable[[], Awaitable[None]]) -> None:
+        """A task that should run until the peer is closed: if it fails, that is seen."""
+        try:
+            await work()
+        except Exception as error:
+            logger.exception("%s: internal error", self.robot)
+            await self._fail(LinkError(endpoint=self.fleet, reason=f"internal error: {error!r}"))
+            await self._notify()
 
     async def _pump(self) -> None:
         """Feed the engine with what the link delivers, and with the time."""

@@ -63,6 +63,9 @@ class ZenohLink:
         self._delta: ext.AdvancedPublisher | None = None
         self._declared: list[object] = []
         self._token: zenoh.LivelinessToken | None = None
+        self._shown: tuple[int, str] | None = None
+        self._seen: set[Token] = set()
+        self._receiver: Receiver | None = None
         self._closed = threading.Event()
 
     async def open(self, receiver: Receiver) -> list[Token]:
@@ -122,6 +125,11 @@ class ZenohLink:
             log.debug("%s: ask %s/%s: %s", self._robot, robot, suffix, error)
             on_end()
 
+    async def reopen(self) -> None:
+        """Close the session and open another one: Zenoh has no way to connect a running one."""
+        if self._receiver is not None and not self._closed.is_set():
+            await asyncio.to_thread(self._reopen, self._receiver)
+
     async def close(self) -> None:
         """Close the session."""
         self._closed.set()
@@ -130,7 +138,23 @@ class ZenohLink:
             self._token = None
             await asyncio.to_thread(session.close)
 
+    def _reopen(self, receiver: Receiver) -> None:
+        session, self._session, self._delta, self._token = self._session, None, None, None
+        if session is not None:
+            session.close()  # type: ignore[no-untyped-call]
+        for token in list(self._seen):
+            receiver.gone(token)
+        self._seen.clear()
+        try:
+            self._open(receiver)
+            if self._shown is not None:
+                self._declare_alive(*self._shown)
+        except zenoh.ZError as error:
+            # The port may still be taken; the supervisor comes again.
+            log.warning("%s: connecting anew failed: %s", self._robot, error)
+
     def _open(self, receiver: Receiver) -> list[Token]:
+        self._receiver = receiver
         config = zenoh.Config()
         for key, value in self._settings.items():
             config.insert_json5(key, as_json5(value))
@@ -147,7 +171,12 @@ class ZenohLink:
             token = parse_token(str(sample.key_expr))
             if token is None or self._closed.is_set():
                 return
-            (receiver.alive if sample.kind == zenoh.SampleKind.PUT else receiver.gone)(token)
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._seen.add(token)
+                receiver.alive(token)
+            else:
+                self._seen.discard(token)
+                receiver.gone(token)
 
         def query(asked: zenoh.Query) -> None:
             # A question to all has a * in the robot's place; the answer stands under the own key.
@@ -191,7 +220,7 @@ class ZenohLink:
         return [token for token in tokens if token is not None]
 
     def _declare_alive(self, epoch: int, instance: str) -> None:
-        session, before = self._session, self._token
+        session, before, self._shown = self._session, self._token, (epoch, instance)
         if session is None:
             return
         # The reference must be kept: a token dies with it.

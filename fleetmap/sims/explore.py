@@ -14,12 +14,19 @@ from fleetmap.sims.view import View
 SAME_PLACE_M = 1.5
 """Goals nearer to each other than this are one goal."""
 
+HELP = 3.0
+"""A frontier is left to a teammate who, by way of its present goal, is this much nearer: far robots come to
+help where there is much to do, and not for the last corner that another one is about to see."""
+
 LOYALTY = 0.7
 """A frontier at the present goal counts as this much nearer: robots don't dither between two."""
 
 BLACKLIST_M = 0.7
 BLACKLIST_S = 60.0
 """A goal that led to nothing is left out for this long, twice as long after each further failure."""
+
+COST_OF_CELL = 10.0
+"""What a cell of open ground costs in a view."""
 
 LEAST_COST = 20
 """Frontiers nearer than two cells are where the robot stands; being there has shown nothing."""
@@ -69,24 +76,25 @@ class Explorer:
         """The next goal, or None when there is nothing left to do for this robot.
 
         MinPos: of the frontiers, take the one for which the fewest teammates are nearer, then the nearest.
-        One that a nearer teammate is on its way to is that teammate's.
+        One that a nearer teammate is on its way to, or will soon be at, is that teammate's.
         """
         self._learn(teammates, now_s=now_s)
         costs = view.costs_from(xy)
         frontiers = [f for f in find_frontiers(view, costs) if f.cost >= LEAST_COST]
         places = view.centres_xy(np.array([f.middle_yx for f in frontiers], np.int64).reshape(-1, 2))
         goals = np.array([f.goal_yx for f in frontiers], np.int64).reshape(-1, 2)
-        rivals = [(mate, view.rough_costs_from(mate.xy, goals)) for mate in teammates] if frontiers else []
+        rivals = [(mate, *self._way_of(mate, view, goals)) for mate in teammates] if frontiers else []
         ranked: list[tuple[int, float, Frontier, tuple[float, float]]] = []
         self.waiting = False
         for k, (frontier, (x, y)) in enumerate(zip(frontiers, places.tolist(), strict=True)):
             if self.blacklisted((x, y), now_s=now_s):
                 continue
             nearer, taken = 0, False
-            for mate, mate_costs in rivals:
-                if (int(mate_costs[k]), mate.name) < (frontier.cost, self.name):
+            for mate, direct, by_goal in rivals:
+                if (int(direct[k]), mate.name) < (frontier.cost, self.name):
                     nearer += 1
                     taken |= mate.goal_xy is not None and math.dist(mate.goal_xy, (x, y)) < SAME_PLACE_M
+                taken |= HELP * by_goal[k] < frontier.cost
             if taken:
                 self.waiting = True
                 continue
@@ -97,6 +105,18 @@ class Explorer:
         _, _, chosen, place = min(ranked, key=lambda r: r[:2])
         self.waiting = False
         return Choice(place, view.path_to(costs, chosen.goal_yx))
+
+    @staticmethod
+    def _way_of(
+        mate: Teammate, view: View, goals_yx: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """A teammate's costs to all goals: (n,) on the direct way, and (n,) by way of where it goes now."""
+        if mate.goal_xy is None:
+            return view.rough_costs_from(mate.xy, goals_yx), np.full(len(goals_yx), np.inf)
+        there = np.array(view.cell(mate.goal_xy))
+        costs = view.rough_costs_from(mate.xy, np.vstack([goals_yx, there]))
+        # From its goal on, the straight line will do.
+        return costs[:-1], costs[-1] + COST_OF_CELL * np.hypot(*(goals_yx - there).T)
 
     def _learn(self, teammates: list[Teammate], *, now_s: float) -> None:
         """A teammate that was at its goal and has another one now has seen that place: no need to go there, too."""

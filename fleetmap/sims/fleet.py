@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import fleetmap
+from fleetmap.model.errors import LinkError
 from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
 from fleetmap.sims.crew import Crew
 from fleetmap.sims.outcome import write_outcome
@@ -50,7 +51,7 @@ def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHI
     Raises
     ------
     ConfigError, MapFormatError : the world can't be had
-    LinkError : the fleet has no place to meet
+    LinkError : the fleet has no place to meet, or no robot process came up
     KeyboardInterrupt : after all processes have ended
     """
     return asyncio.run(_run(config, on_progress))
@@ -119,6 +120,9 @@ async def _start(run: Run, crew: Crew, scratch: Path) -> None:
     for member in crew.members:
         run.latest[member.robot] = RobotProgress(member.robot, member.process.pid)
     await crew.ask(None, timeout_s=STARTUP_S)
+    if not crew.living:
+        reasons = "; ".join(f"{death.robot} {death.reason}" for death in crew.deaths)
+        raise LinkError(endpoint=run.endpoint, reason=f"no robot process came up: {reasons} ({config.out / 'logs'})")
 
 
 async def _explore(run: Run, crew: Crew, tell: Callable[[str], None]) -> None:

@@ -8,11 +8,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-CLAMP = 60
-"""Most votes that a cell remembers either way: what changes in the world shows after a few dozen scans."""
+CLAMP = 200
+"""Most votes that a cell remembers either way: what changes in the world shows after a hundred near scans."""
 
 DECIDED = 2
-"""Votes from which on a cell's state is decided."""
+"""Votes from which on an unknown cell is free or occupied."""
+
+REVISED = 12
+"""Votes for the other state that a decided cell needs to change: with 2, noise makes the deltas 9 % larger."""
 
 
 @njit(
@@ -37,7 +40,7 @@ def integrate(
     ``depth`` behind it votes occupied; so the border between the two lies on the measured surface, on neither
     side of it. Looking up cells instead of drawing beams leaves no combs between far beams. A vote counts
     3 up to ``near`` cells, 2 up to twice that, then 1: the gap between beams grows with the distance. The
-    state changes only past +-DECIDED, so that a cell on the surface doesn't flicker.
+    state of a cell changes late, so that one on the surface doesn't flicker.
     """
     height, width = votes.shape
     count = ranges.shape[0]
@@ -61,7 +64,7 @@ def integrate(
             else:
                 continue
             votes[i, j] = np.int16(vote)
-            if vote <= -DECIDED:
+            if vote <= -(REVISED if states[i, j] == 1 else DECIDED):
                 states[i, j] = 0
-            elif vote >= DECIDED:
+            elif vote >= (REVISED if states[i, j] == 0 else DECIDED):
                 states[i, j] = 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import os
 import signal
 import sys
@@ -28,6 +29,9 @@ from fleetmap.sims.lidar import Lidar
 from fleetmap.sims.pipe import MAX_LINE, line, parse
 from fleetmap.sims.robot import Drive, Robot
 from fleetmap.sims.worlds import World
+
+GOAL_NEWS_M = 0.75
+"""A goal nearer than this to the announced one is no news: half of what counts as the same place."""
 
 EXIT_GRACE_S = 5.0
 """After the parent is gone, a process that has not ended by itself in this time is ended."""
@@ -117,9 +121,10 @@ class Child:
         self.agent.shared = Shared(merged, mates)
 
     async def tell_goal(self) -> None:
-        """Announce a goal that is new; staying with one costs nothing."""
+        """Announce a goal that is new; staying near one costs nothing."""
         goal = self.agent.goal_xy
-        if goal == self._told_goal:
+        told = self._told_goal
+        if goal == told or (goal is not None and told is not None and math.dist(goal, told) < GOAL_NEWS_M):
             return
         self._told_goal = goal
         x, y = self.agent.T_fleet_robot.inverse().apply(goal if goal is not None else (0.0, 0.0))

@@ -15,6 +15,8 @@ from fleetmap.sims.worlds import World
 
 SCAN_EVERY_M = 0.25
 SCAN_EVERY_RAD = math.radians(20)
+FIRST_SCANS = 4
+"""Taken before the first step, so that far cells, which need several votes, are decided."""
 WAYPOINT_M = 0.06
 """A waypoint counts as passed within this distance: less than the margin that paths keep from walls."""
 STOP_GAP_M = 0.03
@@ -72,7 +74,8 @@ class Robot:
         self.mapper = Mapper(self.lidar)
         self.pose = self.start
         self._in_contact = False
-        self.scan()
+        for _ in range(FIRST_SCANS):
+            self.scan()
 
     @property
     def believed(self) -> Pose2:

@@ -15,7 +15,7 @@ def turn(ay: int, ax: int, by: int, bx: int, cy: int, cx: int) -> int:
 
 @njit("b1(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
 def is_inside(ay: int, ax: int, by: int, bx: int, cy: int, cx: int) -> bool:
-    """Is c, on the line of a and b, between them and not one of them?"""
+    """Whether c, a point on the line of a and b, lies between them and is none of them."""
     if (cy == ay and cx == ax) or (cy == by and cx == bx):
         return False
     return min(ay, by) <= cy <= max(ay, by) and min(ax, bx) <= cx <= max(ax, bx)
@@ -32,14 +32,16 @@ def find_crossings(
     both: bool,
     bad: NDArray[np.uint8],
 ) -> None:
-    """Set ``bad`` for the longer edge (or both) of each pair that cross, touch, overlap or share a vertex by chance.
+    """Set ``bad`` for one edge of each pair that cross, touch, overlap or share a vertex by chance.
+
+    It is the longer one, or ``both``; of equals the one that goes up: the triangle that is left of a single cell
+    then has the cell's centre inside, by the rule of ``model.raster``. ``final`` edges cannot be changed: the
+    other one is set.
 
     ``edges`` are (y0, x0, y1, x1); ``ends`` says which boundary point each end stands for, ``raw`` whether it
     lies on it. Two ends in one place are fine if they stand for one point, or if the boundary itself passes
-    there twice. Of two equals it is the one that goes up: the triangle that is left of a single cell then has
-    the cell's centre inside, by the rule of ``model.raster``. ``final`` edges cannot be changed, so the other one of the pair is set; only pairs with a
-    ``fresh`` edge are tested. Edges are sorted into square buckets of ``bucket`` cells; only those that share
-    one are tested.
+    there twice. Only pairs with a ``fresh`` edge are tested, and only those that share a square of ``bucket``
+    cells.
     """
     count = len(edges)
     if count == 0:
@@ -106,7 +108,8 @@ def find_crossings(
                 if meet or shared > 1:
                     longer = (by - ay) ** 2 + (bx - ax) ** 2 - (dy - cy) ** 2 - (dx - cx) ** 2
                     upward = by > ay or (by == ay and bx > ax)
-                    if both or final[f] or (not final[e] and (longer > 0 or (longer == 0 and upward))):
+                    this = final[f] or (not final[e] and (longer > 0 or (longer == 0 and upward)))
+                    if this or both:
                         bad[e] = 1
-                    if both or not bad[e]:
+                    if not this or both:
                         bad[f] = 1

@@ -133,7 +133,7 @@ def find_jumpers(
                 stage = 3
             if (cy <= y < dy) or (dy <= y < cy):
                 side = (dx - cx) * (y - cy) - (dy - cy) * (x - cx)
-                if (side > 0) == (dy > cy):
+                if (side > 0 and dy > cy) or (side < 0 and dy < cy):
                     inside = not inside
             cy, cx = dy, dx
         if inside:

@@ -55,7 +55,7 @@ def _cross(a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _is_within(a: NDArray[np.int64], b: NDArray[np.int64], ray: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(n,) is the ray strictly inside the angle from a counter-clockwise to b?"""
+    """(n,) whether the ray is strictly inside the angle from a counter-clockwise to b."""
     after_a, before_b = _cross(a, ray) > 0, _cross(ray, b) > 0
     wide = _cross(a, b)
     opposite = (wide == 0) & ((a * b).sum(axis=1) < 0)

@@ -27,7 +27,7 @@ LONGEST_EDGE_CELLS = 4096
 
 @njit("b1(i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
 def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, epsilon2: int) -> bool:
-    """Is point p within epsilon of the segment from a to b (all in sixteenths)?"""
+    """Whether point p is within epsilon of the segment from a to b, all in sixteenths."""
     dy, dx = by - ay, bx - ax
     ry, rx = py - ay, px - ax
     along = dy * ry + dx * rx

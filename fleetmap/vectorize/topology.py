@@ -34,13 +34,15 @@ def repair(
     size = len(boundary.points)
     tested = np.full(size, -1, np.int64)  # the head of the edge from each point that was tested already
     turns_before = np.cumsum(boundary.turns, dtype=np.int64)
+    loop_of_point = np.repeat(np.arange(len(boundary.offsets) - 1), np.diff(boundary.offsets))
+    turns_of_loop = np.bincount(loop_of_point, boundary.turns, len(boundary.offsets) - 1).astype(np.int64)
     for attempt in count():
         tails, heads = _edges(boundary.offsets, is_vertex)
         raw = (at == boundary.points).all(axis=1)
         # An edge along which the boundary doesn't turn, with both ends on it, can't be improved.
-        straight = turns_before[heads] - boundary.turns[heads] == turns_before[tails]
-        straight[heads <= tails] = (boundary.following[tails] == heads)[heads <= tails]
-        final = straight & raw[tails] & raw[heads]
+        between = turns_before[heads] - turns_before[tails] - boundary.turns[heads]
+        between[heads <= tails] += turns_of_loop[loop_of_point[tails[heads <= tails]]]
+        final = (between == 0) & raw[tails] & raw[heads]
 
         bad = np.zeros(len(tails), np.uint8)
         find_uncertified(
@@ -66,7 +68,7 @@ def repair(
             boundary.points, boundary.turns, boundary.offsets, *boundary.phase_yx, epsilon2,
             is_vertex.copy(), holds, at, is_vertex,
         )  # fmt: skip
-        tested[tails] = heads
+        tested[tails] = np.where(bad == 0, heads, -1)
         if moved:
             tested[:] = -1
     raise AssertionError("unreachable")
@@ -110,8 +112,10 @@ def _find_jumped(
     for loop in np.flatnonzero(misplaced >= 0).tolist():
         where = int(tails[misplaced[loop]])
         if not find_jumpers(boundary.points, boundary.following, at, tails, heads, loop_of, loop, where, reach, bad):
-            # It has moved itself, over an edge.
-            bad[bounds[loop] : bounds[loop + 1]] = 1
+            # Vertices that were kept off the boundary have moved it: all that is near goes back.
+            low, high = np.minimum(at[tails], at[heads]), np.maximum(at[tails], at[heads])
+            place = boundary.points[where]
+            bad[((low - 2 * reach <= place) & (place <= high + 2 * reach)).all(axis=1)] = 1
 
 
 def _areas(edges: NDArray[np.int64], bounds: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -1,0 +1,125 @@
+"""Messages: every kind comes back from its bytes; anything else is refused with ``WireError``."""
+
+from __future__ import annotations
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fleetmap.codecs import envelope as env
+from fleetmap.codecs import messages as msg
+from fleetmap.model.errors import ConfigError, WireError
+from fleetmap.model.lattice import Lattice
+from fleetmap.model.pose import Q30, FixedPose
+
+REVISION = msg.Revision(3, 7, 2**64 - 1)
+TURNED = FixedPose(-(2**39), 5, 0, -Q30)
+CHANGE = msg.Change(
+    msg.Header("ground.floor", TURNED, (("r-2", 4), ("x", 0))),
+    (
+        msg.SubmapChange("0", FixedPose(), msg.MapHeader(Lattice(50_000, TURNED), 0.5, "exact"), b"\x00"),
+        msg.SubmapChange("a.b", None, None, b"\x00\x01"),
+        msg.SubmapChange("c", TURNED, None, None),
+    ),
+)
+MESSAGES: list[msg.Message] = [
+    msg.Record(REVISION, CHANGE),
+    msg.Record(msg.Revision(0, 0, 0), msg.Change(None, ())),
+    msg.SnapshotChunk(REVISION, 2, 3, b"abc"),
+    msg.Heartbeat(1, 2, 3),
+    msg.Want(REVISION),
+    msg.RevisionList((("a", REVISION), ("b", msg.Revision(1, 1, 0)))),
+    msg.PoseMessage(1, -(10**9), 5, -3142),
+    msg.GoalMessage(1, (4, -5)),
+    msg.GoalMessage(1, None),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_a_message_comes_back(message: msg.Message) -> None:
+    assert env.decode(env.encode(message), robot="r") == message
+
+
+def test_a_change_comes_back() -> None:
+    assert env.decode_change(env.encode_change(CHANGE), robot="r") == CHANGE
+
+
+def test_a_heartbeat_is_small() -> None:
+    assert len(env.encode(msg.Heartbeat(3, 500, 2**63))) <= 16
+
+
+@given(st.binary(max_size=80))
+def test_random_bytes_raise_nothing_but_wire_errors(data: bytes) -> None:
+    for read in (env.decode, env.decode_change):
+        try:
+            read(data, robot="r")
+        except WireError as error:
+            assert error.size_bytes == len(data)
+
+
+_SCALARS = (
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats()
+    | st.binary(max_size=4)
+    | st.text(max_size=4)
+)
+_TREES = st.recursive(_SCALARS, lambda inner: st.lists(inner, max_size=5), max_leaves=12)
+
+
+@given(st.integers(0, 9), st.lists(_TREES, max_size=6))
+def test_any_array_raises_nothing_but_wire_errors(kind: int, fields: list[object]) -> None:
+    try:
+        message = env.decode(msgpack.packb([1, kind, *fields]), robot="r")
+    except WireError:
+        return
+    assert env.decode(env.encode(message), robot="r") == message
+
+
+@given(st.sampled_from(MESSAGES), st.data())
+def test_damaged_messages_raise_nothing_but_wire_errors(message: msg.Message, data: st.DataObject) -> None:
+    raw = bytearray(env.encode(message))
+    raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    for damaged in (bytes(raw), bytes(raw[: data.draw(st.integers(0, len(raw)))])):
+        try:
+            env.decode(damaged, robot="r")
+        except WireError as error:
+            assert error.robot == "r"
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ([2, 3, 1, 1, 1], "version 2"),
+        ([1, 99], "unknown kind"),
+        ([1, 3, True, 1, 1], "whole number"),
+        ([1, 3, 2**32, 1, 1], "whole number"),
+        ([1, 3, 1, 1, 1, 1], "array of 3"),
+        ([1, 2, 1, 1, 1, 3, 3, b""], "whole number"),
+        ([1, 2, 1, 1, 1, 0, 65, b""], "whole number"),
+        ([1, 5, [["a/b", 1, 1, 1]]], "name"),
+        ([1, 5, [["a" * 65, 1, 1, 1]]], "64"),
+        ([1, 7, 1, [1]], "array of 2"),
+        ([1, 1, 1, 1, 1, ["0", [0, 0, 1, 1], []], []], "rotation"),
+        ([1, 1, 1, 1, 1, None, [["0", None, [5, [], 1.0, 0], None]]], "0.1 mm"),
+        ([1, 1, 1, 1, 1, None, [["0", None, [50000, [], float("nan"), 0], None]]], "error bound"),
+        ([1, 1, 1, 1, 1, None, [["0", None, [50000, [], 1.0, 3], None]]], "whole number"),
+    ],
+)
+def test_a_field_out_of_bounds_is_named(fields: list[object], reason: str) -> None:
+    with pytest.raises(WireError, match=reason):
+        env.decode(msgpack.packb(fields), robot="r")
+
+
+def test_long_lists_and_maps_are_refused() -> None:
+    for fields in ([1, 5, [0] * 5000], {1: 2}, [1, 5, {}]):
+        with pytest.raises(WireError):
+            env.decode(msgpack.packb(fields), robot="r")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "a b", "é", "a" * 65, "*", None])
+def test_what_is_no_name_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="robot"):
+        msg.check_name("robot", name)

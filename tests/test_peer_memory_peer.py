@@ -1,0 +1,177 @@
+"""``Peer`` and its sync facade over the memory link: the shell around the engine."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from functools import partial
+
+import numpy as np
+import pytest
+
+import fleetmap
+import fleetmap.sync
+from fleetmap.accounting import Ledger
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.pose import Pose2
+from fleetmap.peer import inbox as inbox_module
+from fleetmap.peer.inbox import Inbox
+from fleetmap.peer.link import Token
+from fleetmap.peer.memory_link import LoopClock, MemoryHub
+from fleetmap.peer.profiles import zenoh_settings
+from fleetmap.peer.supervisor import PAUSE_S, LinkSupervisor
+
+
+def grid(width: int = 60, *, resolution_m: float = 0.05) -> OccupancyGrid:
+    states = np.full((50, width), UNKNOWN, np.uint8)
+    states[8:40, 8:-8] = OCCUPIED
+    states[10:38, 10:-10] = FREE
+    return OccupancyGrid.from_states(states, resolution_m)
+
+
+async def test_a_grid_is_vectorized_shared_and_counted() -> None:
+    hub = MemoryHub(LoopClock())
+    async with (
+        fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a,
+        fleetmap.join("b", start=Pose2(), link=hub.link("b")) as b,
+    ):
+        assert await a.publish(grid())
+        assert not await a.publish(grid())
+        assert await a.publish(grid(64))
+        merged = await b.synced(20.0, at_least=1)
+        assert merged.digest == (await a.synced(20.0)).digest
+        assert len(merged) >= 4
+        stats = a.stats()
+        assert stats.baselines["grid_gzip_full"] > stats.baselines["grid_gzip_updates"] > 0
+        assert 0 < stats.bytes_deltas < stats.baselines["grid_gzip_full"]
+        assert len(stats.series) == 3
+        assert b.plan((0.7, 0.7), (1.8, 1.5), radius_m=0.1).length_m == pytest.approx(1.36, abs=0.05)
+
+
+async def test_another_resolution_starts_the_submap_anew() -> None:
+    hub = MemoryHub(LoopClock())
+    async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
+        await a.publish(grid())
+        await a.publish(grid(resolution_m=0.1))
+        assert (await a.refresh()).resolution_um == 100_000
+
+
+async def test_a_namesake_that_was_first_ends_this_peer() -> None:
+    hub = MemoryHub(LoopClock())
+    async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
+        earlier = hub.link("a")
+        earlier.show(Token("a", 0, "elder"))
+        async with asyncio.timeout(10.0):
+            with pytest.raises(fleetmap.NameInUse):
+                async for _ in a.changes():
+                    pass
+        with pytest.raises(fleetmap.NameInUse):
+            await a.publish(grid())
+
+
+async def test_a_robot_that_is_heard_of_through_a_mirror_has_the_link_opened_anew() -> None:
+    hub = MemoryHub(LoopClock())
+    reopened = asyncio.Event()
+    link = hub.link("a")
+
+    async def reopen() -> None:
+        hub.heal("a", "b")
+        reopened.set()
+
+    def arrived(peer: fleetmap.Peer, seq: int) -> bool:
+        return reopened.is_set() or peer.peers[0].seq == seq
+
+    link.reopen = reopen  # type: ignore[method-assign]
+    join = partial(fleetmap.join, start=Pose2(), heartbeat_s=0.05)
+    async with join("a", link=link) as a, join("b", link=hub.link("b")) as b, join("c", link=hub.link("c")):
+        await a.synced(20.0, at_least=2)
+        hub.cut("a", "b")
+        async with asyncio.timeout(20.0):
+            for seq in itertools.count(2):
+                if reopened.is_set():
+                    break
+                assert await b.publish(grid(60 + 10 * seq))
+                # The next one only after this one came here, by way of c.
+                async with a.stepped:
+                    await a.stepped.wait_for(partial(arrived, a, seq))
+        await a.synced(20.0, at_least=2)
+        assert [(p.robot, p.alive) for p in a.peers] == [("b", True), ("c", True)]
+
+
+def test_the_supervisor_is_patient_and_pauses() -> None:
+    supervisor = LinkSupervisor()
+    assert [supervisor.detour("r", float(t)) for t in range(4)] == [False, False, True, False]
+    assert not supervisor.detour("r", 5.0)
+    assert not supervisor.detour("r", 6.0)
+    assert supervisor.detour("r", 2.0 + PAUSE_S)
+    supervisor.detour("q", 100.0)
+    supervisor.detour("q", 100.0)
+    supervisor.linked("q")
+    assert not supervisor.detour("q", 200.0)
+
+
+async def test_a_peer_opens_once() -> None:
+    hub = MemoryHub(LoopClock())
+    peer = await fleetmap.join("a", link=hub.link("a"))
+    await peer.close()
+    with pytest.raises(fleetmap.LinkError, match="once"):
+        await peer
+    never_opened = fleetmap.join("a", link=hub.link("a"))
+    await never_opened.close()
+    with pytest.raises(fleetmap.LinkError, match="closed"):
+        await never_opened.set_pose(Pose2())
+
+
+async def test_the_sync_facade_does_the_same() -> None:
+    hub = MemoryHub(LoopClock())
+
+    def work() -> None:
+        with fleetmap.sync.join("s", start=Pose2(), link=hub.link("s")) as peer:
+            peer.publish(grid())
+            peer.set_pose(Pose2(1.0, 1.0, 0.0))
+            peer.set_goal((2.0, 1.0))
+            merged = peer.synced(20.0, at_least=1)
+            assert merged.digest == peer.merged.digest == peer.refresh().digest
+            assert [p.robot for p in peer.peers] == ["a"]
+            assert peer.epoch == 1
+            assert peer.T_fleet_robot == Pose2()
+            assert peer.teammates() == []
+            assert peer.stats().bytes_vector > 0
+            assert all(change.revisions for change in peer.changes(timeout_s=0.01))
+            assert peer.plan((0.7, 0.7), (1.8, 1.5), radius_m=0.1).length_m > 1.0
+        with pytest.raises(fleetmap.LinkError, match="closed"):
+            peer.publish(grid())
+        peer.close()
+
+    async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
+        await asyncio.to_thread(work)
+        assert [(p.robot, p.edges > 0) for p in a.peers] == [("s", True)]
+
+
+async def test_a_full_inbox_drops_samples_counts_them_and_keeps_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(inbox_module, "MAX_ITEMS", 3)
+    ledger = Ledger()
+    inbox = Inbox(asyncio.get_running_loop(), ledger)
+    answered: list[list[bytes]] = []
+    for _ in range(5):
+        inbox.message("r", "delta", b"xx")
+    inbox.query("snapshot", b"", lambda replies: answered.append(list(replies)))
+    inbox.alive(Token("r", 1, "i"))
+    items = await inbox.take(1.0)
+    assert len(items) == 4
+    assert answered == [[]]
+    assert ledger.stats().dropped["r", "delta/queue_full"].messages == 2
+    assert await inbox.take(0.0) == []
+    inbox.query("snapshot", b"", lambda replies: answered.append(list(replies)))
+    inbox.close()
+    inbox.message("r", "delta", b"xx")
+    assert answered == [[], []]
+
+
+def test_settings_of_a_profile_can_be_overridden() -> None:
+    settings = zenoh_settings("local", listen=[], connect=["tcp/h:1"], config={"scouting/delay": 5})
+    assert settings["scouting/multicast/enabled"] is False
+    assert settings["transport/shared_memory/enabled"] is False
+    assert settings["scouting/delay"] == 5
+    assert zenoh_settings("lan", listen=[], connect=[], config=None)["scouting/multicast/enabled"] is True

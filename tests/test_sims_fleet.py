@@ -1,0 +1,132 @@
+"""Simulated fleets end to end: real processes, real links, real ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fleetmap.codecs.fmap import load_fmap
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.map_server import load_map
+from fleetmap.sims import Progress, SimConfig, run_fleet
+
+PATIENCE = float(os.environ.get("FLEETMAP_TEST_PATIENCE", "1"))
+"""Scales every timeout, for slow machines."""
+
+REQUIRED = {
+    "robots", "components", "covered", "converged", "digest", "collisions", "merged_error_m", "duration_s",
+    "bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates", "ratio_full", "ratio_updates",
+}  # fmt: skip
+
+
+def gone(pid: int, *, timeout_s: float = 15.0) -> bool:
+    """Whether a process has ended, or does within the timeout."""
+    until_s = time.monotonic() + timeout_s * PATIENCE
+    while time.monotonic() < until_s:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
+    told: list[Progress] = []
+    result = run_fleet(SimConfig(out=tmp_path / "run", robots=2, world="office", size_m=8, seed=1), told.append)
+    document = result.document
+    assert set(document) >= REQUIRED
+    assert document["converged"] is True
+    assert document["components"] == 1
+    assert document["collisions"] == 0
+    assert document["covered"] >= 0.98
+    assert document["merged_error_m"]["median"] <= 0.05
+    assert document["merged_error_m"]["p95"] <= 0.15
+    assert document["dead"] == []
+    assert document["bytes_vector"] >= document["bytes_deltas"] > 0
+    sent = sum(size for robot in document["robots"] for size in robot["sent"].values())
+    assert sent == document["bytes_vector"]
+
+    assert json.loads((result.out / "stats.json").read_text())["digest"] == document["digest"]
+    assert load_fmap(result.out / "map.fmap").digest == document["digest"]
+    assert load_map(result.out / "map.yaml").resolution_m == pytest.approx(0.05)
+    assert document["digest"] in (result.out / "report.html").read_text()
+    assert (result.out / "map.png").stat().st_size > 1000
+
+    assert {p.phase for p in told} >= {"exploring", "converging"}
+    assert all(gone(robot.pid) for robot in told[-1].robots)
+
+
+def test_a_killed_robot_does_not_stop_the_others_and_the_report_says_so(tmp_path) -> None:
+    killed: list[int] = []
+
+    def kill_one(progress: Progress) -> None:
+        if progress.t_s >= 9.0 and not killed:
+            killed.append(progress.robots[1].pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    result = run_fleet(SimConfig(out=tmp_path, robots=3, world="maze", size_m=9, seed=4), kill_one)
+    document = result.document
+    assert killed
+    (dead,) = document["dead"]
+    assert dead["robot"] == "r1"
+    assert "signal 9" in dead["reason"]
+    assert dead["t_s"] >= 9.0
+    assert document["converged"] is True
+    assert document["covered"] >= 0.98
+    report = (tmp_path / "report.html").read_text()
+    assert "r1 was lost after" in report
+    # Its map is still part of what the others hold.
+    states = {robot["robot"]: robot["state"] for robot in document["robots"]}
+    assert states["r1"] == "dead"
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from fleetmap.sims import SimConfig, run_fleet
+def tell(progress):
+    print(progress.phase, progress.t_s, *[r.pid for r in progress.robots], flush=True)
+run_fleet(SimConfig(out=Path(sys.argv[1]), robots=2, world="maze", size_m=20), tell)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_however_the_parent_ends_no_robot_outlives_it(tmp_path, how: signal.Signals) -> None:
+    parent = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert parent.stdout is not None
+        for line in parent.stdout:
+            phase, t_s, *pids = line.split()
+            if phase == "exploring" and float(t_s) > 0:
+                break
+        parent.send_signal(how)
+        _, errors = parent.communicate(timeout=30 * PATIENCE)
+    finally:
+        parent.kill()
+    assert len(pids) == 2
+    assert all(gone(int(pid)) for pid in pids)
+    if how == signal.SIGINT:
+        assert "KeyboardInterrupt" in errors
+        assert parent.returncode != 0
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("robots", 0), ("starts", "guessed"), ("seed", -1), ("range_m", float("nan")), ("radius_m", 0.0), ("beams", 3)],
+)
+def test_an_impossible_run_is_refused_before_anything_starts(tmp_path, option: str, value: object) -> None:
+    with pytest.raises(ConfigError) as refused:
+        SimConfig(out=tmp_path, **{option: value})  # type: ignore[arg-type]
+    assert refused.value.option == option
