@@ -90,7 +90,8 @@ async def test_poses_and_goals_arrive_in_the_frame_that_is_asked_for(endpoint: s
         await a.synced(TIMEOUT_S, at_least=1)
         await b.set_pose(Pose2(1.0, 0.0, 0.0))
         await b.set_goal((2.0, 0.0))
-        await until(a, lambda: bool(a.teammates()) and a.teammates()[0].goal_xy is not None)
+        # Poses and goals come on keys of their own, in either order.
+        await until(a, lambda: any(m.pose and m.goal_xy for m in a.teammates()))
         (mate,) = a.teammates(frame="fleet")
         assert mate.robot == "b"
         assert mate.pose is not None
