@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgpack
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetmap.codecs import envelope as env
@@ -49,7 +49,6 @@ def test_a_heartbeat_is_small() -> None:
     assert len(env.encode(msg.Heartbeat(3, 500, 2**63))) <= 16
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=80))
 def test_random_bytes_raise_nothing_but_wire_errors(data: bytes) -> None:
     for read in (env.decode, env.decode_change):
@@ -70,7 +69,6 @@ _SCALARS = (
 _TREES = st.recursive(_SCALARS, lambda inner: st.lists(inner, max_size=5), max_leaves=12)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 9), st.lists(_TREES, max_size=6))
 def test_any_array_raises_nothing_but_wire_errors(kind: int, fields: list[object]) -> None:
     try:
@@ -80,7 +78,6 @@ def test_any_array_raises_nothing_but_wire_errors(kind: int, fields: list[object
     assert env.decode(env.encode(message), robot="r") == message
 
 
-@settings(deadline=None)
 @given(st.sampled_from(MESSAGES), st.data())
 def test_damaged_messages_raise_nothing_but_wire_errors(message: msg.Message, data: st.DataObject) -> None:
     raw = bytearray(env.encode(message))

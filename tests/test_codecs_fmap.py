@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetmap.codecs.fmap import load_fmap, save_fmap
@@ -56,7 +56,6 @@ def test_a_file_that_is_replaced_is_never_half_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@settings(deadline=None)
 @given(st.sampled_from([VECTOR, MERGED]), st.data())
 def test_a_damaged_file_is_refused(
     tmp_path_factory: pytest.TempPathFactory, fleet_map: VectorMap | MergedMap, data: st.DataObject

@@ -131,13 +131,12 @@ def a_map(rows: list[tuple[int, ...]]) -> VectorMap:
     return VectorMap(LATTICE, table[:, :5], table[:, 5].astype(np.uint8))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(_ROWS.map(a_map), _ROWS.map(a_map))
 def test_the_page_and_the_library_read_the_same(old: VectorMap, new: VectorMap) -> None:
     assert decode(protocol.encode(diff(old, new), old), plain(old)) == plain(new)
 
 
-@settings(deadline=None)
 @given(_ROWS.map(a_map))
 def test_the_page_and_the_library_digest_the_same(vector_map: VectorMap) -> None:
     assert map_digest(plain(vector_map), 50_000, -7, 2**39, 0, -(2**30)) == vector_map.digest

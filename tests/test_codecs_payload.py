@@ -43,7 +43,7 @@ def equal(a: VectorMap, b: VectorMap) -> bool:
     return a.digest == b.digest and np.array_equal(a.edges, b.edges) and np.array_equal(a.thickness, b.thickness)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(maps(), maps())
 def test_a_delta_leads_from_one_map_to_the_other(old: VectorMap, new: VectorMap) -> None:
     delta = diff(old, new)
@@ -54,21 +54,21 @@ def test_a_delta_leads_from_one_map_to_the_other(old: VectorMap, new: VectorMap)
     assert {tuple(r) for r in delta.added.tolist()} == new_rows - old_rows
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(maps(), maps())
 def test_a_delta_survives_its_bytes(old: VectorMap, new: VectorMap) -> None:
     payload = protocol.encode(diff(old, new), old)
     assert equal(apply(old, protocol.decode(payload, old, robot="r")), new)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(maps(MAX_COORDINATE))
 def test_a_snapshot_survives_its_bytes_at_the_bounds(new: VectorMap) -> None:
     payload = protocol.encode(diff(EMPTY, new), EMPTY)
     assert equal(apply(EMPTY, protocol.decode(payload, EMPTY, robot="r")), new)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(maps())
 def test_encoding_is_a_function_of_the_maps(new: VectorMap) -> None:
     again = VectorMap(LATTICE, new.edges[::-1], new.thickness[::-1])
@@ -84,7 +84,6 @@ def test_a_small_delta_takes_few_bytes() -> None:
     assert len(protocol.encode(diff(old, new), old)) <= 24
 
 
-@settings(deadline=None)
 @given(maps(), st.binary(max_size=60))
 def test_random_bytes_are_refused_or_a_delta(base: VectorMap, payload: bytes) -> None:
     try:
@@ -93,7 +92,7 @@ def test_random_bytes_are_refused_or_a_delta(base: VectorMap, payload: bytes) ->
         assert isinstance(error, WireError) or "delta" in str(error)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(maps(), maps(), st.data())
 def test_damaged_payloads_are_refused_or_a_delta(old: VectorMap, new: VectorMap, data: st.DataObject) -> None:
     payload = bytearray(protocol.encode(diff(old, new), old))
@@ -159,13 +158,11 @@ def test_a_delta_that_does_not_fit_its_base_is_refused() -> None:
         diff(old, VectorMap.empty(Lattice(20_000)))
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 2**35 - 1)))
 def test_leb128_comes_back(values: list[int]) -> None:
     assert decode_leb128(encode_leb128(np.array(values, np.int64))).tolist() == values
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(0, 2**35 - 1), min_size=1))
 def test_leb128_is_the_plain_one(values: list[int]) -> None:
     plain = bytearray()
@@ -189,7 +186,6 @@ def test_leb128_refuses_what_it_cannot_write() -> None:
             encode_leb128(np.array([value], np.int64))
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(-(2**40), 2**40)))
 def test_zigzag_comes_back(values: list[int]) -> None:
     array = np.array(values, np.int64)

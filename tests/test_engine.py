@@ -254,7 +254,7 @@ _GENUINE = [
 ]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.data())
 def test_whatever_the_network_says_the_engine_goes_on(data: st.DataObject) -> None:
     engine = told()

@@ -294,7 +294,7 @@ def test_a_fleet_that_is_in_step_asks_nothing() -> None:
     assert [n.engine.ledger.stats().sent["want"].messages for n in fleet.nodes.values()] == asked
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data())
 def test_any_schedule_of_loss_delay_and_duplication_converges(data: st.DataObject) -> None:
     lossy = {"on": True}

@@ -88,10 +88,13 @@ class Agent:
         self._think_at_s = self.now_s
 
     def advance(self, until_s: float) -> None:
-        """Live on until ``until_s`` of simulated time, or until it is time to publish."""
+        """Live on until ``until_s`` of simulated time, or until it is time to publish or to tell a new goal."""
         while self.now_s < until_s - STEP_S / 2 and not self.publish_due:
             if self.now_s >= self._think_at_s:
+                before = self.goal_xy
                 self._think()
+                if self.goal_xy != before:
+                    return
             if self.idle:
                 self.now_s = min(until_s, max(self._think_at_s, self.now_s + STEP_S))
                 continue
