@@ -22,6 +22,9 @@ PUBLISH_EVERY_S = 5.0
 RETHINK_S = 2.0
 """A robot without a goal looks for one this often: teammates' maps may have opened one."""
 
+THINK_GAP_S = 0.5
+"""Between two choices: a robot in a tight place would else think anew at each step."""
+
 MOST_STOPS = 4
 """After so many stops on the way to one goal, the goal is given up for a while."""
 
@@ -55,7 +58,7 @@ class Agent:
         self.view: View | None = None  # what the last choice was made on
         self.trail_xy: list[tuple[float, float]] = []  # where it really was at its scans
         self._stops = 0
-        self._think_at_s = 0.0
+        self._think_at_s, self._thought_s = 0.0, -math.inf
         self._published_m, self._on_the_way_s, self._ever_published = 0.0, 0.0, False
 
     @property
@@ -107,6 +110,7 @@ class Agent:
 
     def _think(self) -> None:
         """Choose a goal and the way there from all that is known now."""
+        self._thought_s = self.now_s
         view = self.view = look(
             self.shared.merged,
             self.robot.mapper,
@@ -133,20 +137,21 @@ class Agent:
     def _judge(self, *, scanned: bool) -> None:
         """After a step: think again if the goal is seen, or was reached in vain, or the way is barred."""
         assert self.goal_xy is not None
+        if self._think_at_s < math.inf:
+            return  # it will think anyway
         if self.robot.stopped:
             self._stops += 1
             self.robot.scan()
             if self._stops >= MOST_STOPS:
                 self.explorer.failed(self.goal_xy, now_s=self.now_s)
                 self._stops = 0
-            self._think_at_s = self.now_s
-        elif scanned and (self._seen(self.goal_xy) or not self.robot.path_is_clear()):
-            self._think_at_s = self.now_s
         elif not len(self.robot.path_xy):
             self.robot.scan()
             if not self._seen(self.goal_xy):
                 self.explorer.failed(self.goal_xy, now_s=self.now_s)
-            self._think_at_s = self.now_s
+        elif not scanned or (self.robot.path_is_clear() and not self._seen(self.goal_xy)):
+            return
+        self._think_at_s = max(self.now_s, self._thought_s + THINK_GAP_S)
 
     def _seen(self, xy: tuple[float, float]) -> bool:
         """Whether the own map has no frontier any more at a place in the fleet frame."""

@@ -19,6 +19,7 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.vectormap import FRONTIER_LABELS, HIDDEN_LABELS, OBSTACLE_LABELS, VectorMap
 from fleetmap.vectorize.verify_cells import GridCells
+from fleetmap.vectorize.verify_components import find_component_defects
 from fleetmap.vectorize.verify_cover import UNIT, first_gaps
 from fleetmap.vectorize.verify_faces import find_crossings, find_faces
 
@@ -149,7 +150,7 @@ def verify(
             detail = f"{len(sides_free)} edges have free space in this face, {len(sides_not)} others something else"
             report("sides", edges[odd[:1] % len(edges), :2].astype(np.float64), detail)
         if not (is_free & not_free).any():
-            for detail, place in cells.unmatched(edges[:, :4] * UNIT, faces, is_free):
+            for detail, place in find_component_defects(cells, edges[:, :4] * UNIT, faces, is_free):
                 report("components", [place], detail)
 
     lost = cells.lost_specks(edges_by_kind["obstacle"], edges_by_kind["frontier"], epsilon2)

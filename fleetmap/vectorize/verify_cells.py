@@ -37,14 +37,16 @@ class GridCells:
         self.epsilon_cells = vector_map.epsilon_cells
         self.states: NDArray[np.uint8] = np.pad(grid.states_yx(), 1, constant_values=UNKNOWN)
         self.origin_yx = _place_on_lattice(grid, vector_map) - UNIT  # of the rim's lower left corner
-        self.free_labels, self.free_count = label(self.states == FREE)
+        free_labels, self.free_count = label(self.states == FREE)
         unknown_labels, unknown_count = label(self.states == UNKNOWN)
         # All components in one numbering; 0 is occupied.
-        labels = np.where(unknown_labels > 0, unknown_labels + self.free_count, self.free_labels)
-        self.sizes: NDArray[np.int64] = np.bincount(labels.ravel(), minlength=1 + self.free_count + unknown_count)
+        self.labels: NDArray[np.int64] = np.where(
+            unknown_labels > 0, unknown_labels.astype(np.int64) + self.free_count, free_labels
+        )
+        self.sizes: NDArray[np.int64] = np.bincount(self.labels.ravel(), minlength=1 + self.free_count + unknown_count)
         is_speck = self.sizes <= specks
-        is_speck[0] = is_speck[labels[0, 0]] = False  # neither the walls nor the outside
-        self.speck: NDArray[np.int64] = np.where(is_speck[labels], labels, 0).astype(np.int64)
+        is_speck[0] = is_speck[self.labels[0, 0]] = False  # neither the walls nor the outside
+        self.speck: NDArray[np.int64] = np.where(is_speck[self.labels], self.labels, 0)
 
     def boundary(self, a: int, b: int, *, certain: bool) -> Segments:
         """Where state ``a`` meets state ``b``, as maximal straight runs.
@@ -109,79 +111,21 @@ class GridCells:
         same_row = row_of[before] == np.arange(height)[:, None]
         return np.where(same_row, face_east[before], faces.outside)
 
-    def unmatched(
-        self, edges: Segments, faces: Faces, is_free: NDArray[np.bool_]
-    ) -> list[tuple[str, NDArray[np.float64]]]:
-        """What is left over when free faces are paired with components of free cells that share a cell with them.
+    def near_others(self) -> NDArray[np.bool_]:
+        """Which cells have their centre at most epsilon away from a cell that is not free."""
+        from scipy.ndimage import maximum_filter1d
 
-        One too thin for that is paired with any within reach of epsilon. Unknown specks that the map has made
-        free belong to the component around them. Free specks may be left without a face. Faces are exact, so
-        a component that fell apart, or two that ran together, leave one over. Places are (y, x) in cells of
-        the lattice.
-        """
-        from scipy.sparse import coo_array, csr_array
-        from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
-
-        face = self.faces_of_cells(edges, faces)
-        # Nodes: the components of free cells, and single cells of unknown specks that lie in a free face.
-        node = self.free_labels.astype(np.int64)
-        loose = (self.speck > 0) & (node == 0) & is_free[face]
-        node[loose] = self.free_count + 1 + np.arange(np.count_nonzero(loose))
-        links = []
-        for axis in (0, 1):
-            (node0, node1), (face0, face1) = _neighbours(node, axis), _neighbours(face, axis)
-            joined = (node0 != node1) & (node0 > 0) & (node1 > 0) & (face0 == face1)
-            links.append(np.column_stack([node0[joined], node1[joined]]))
-        a, b = np.concatenate(links).T
-        size = int(node.max()) + 1
-        groups, group = connected_components(coo_array((np.ones(len(a), bool), (a, b)), shape=(size, size)))
-        groups_yx = np.where(node > 0, group[node], -1).astype(np.int64)
-        must_match = np.unique(groups_yx[(node > 0) & (self.speck == 0)])
-
-        shares = (node > 0) & is_free[face]
-        pairs = np.unique(np.column_stack([face[shares], groups_yx[shares]]), axis=0)
-        pairs = np.concatenate([pairs, self._thin_pairs(edges, faces, is_free, face, groups_yx, must_match, pairs)])
-        shared = csr_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(faces.count, groups))
-        left_over = []
-        free_faces = np.flatnonzero(is_free)
-        alone = free_faces[maximum_bipartite_matching(shared[free_faces], perm_type="column") < 0]
-        for f in alone:
-            place = edges[np.flatnonzero((faces.left == f) | (faces.right == f))[0], :2] / UNIT
-            left_over.append(("a free face of the map has no component of free cells of its own", place))
-        alone = must_match[maximum_bipartite_matching(shared.T.tocsr()[must_match], perm_type="column") < 0]
-        for g in alone:
-            cell = np.argwhere(groups_yx == g)[0]
-            place = (cell * UNIT + UNIT // 2 + self.origin_yx) / UNIT
-            left_over.append(("a component of free cells has no free face of its own", place))
-        return left_over
-
-    def _thin_pairs(
-        self,
-        edges: Segments,
-        faces: Faces,
-        is_free: NDArray[np.bool_],
-        face: NDArray[np.int64],
-        groups_yx: NDArray[np.int64],
-        must_match: NDArray[np.int64],
-        pairs: NDArray[np.int64],
-    ) -> NDArray[np.int64]:
-        """(face, group) that are within reach of each other, for those too thin to share a cell's centre at all."""
-        reach = math.ceil(self.epsilon_cells) + 1
-        found = [np.zeros((0, 2), np.int64)]
-
-        def look_around(cell: NDArray[np.int64], there: NDArray[np.int64]) -> NDArray[np.int64]:
-            y, x = np.clip(cell, 0, np.array(there.shape) - 1).tolist()
-            return np.unique(there[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1])
-
-        for f in np.setdiff1d(np.flatnonzero(is_free), pairs[:, 0]).tolist():
-            for vertex in edges[(faces.left == f) | (faces.right == f)].reshape(-1, 2):
-                near = look_around((vertex - self.origin_yx) // UNIT, groups_yx)
-                found += [np.array([[f, g]]) for g in near[near >= 0]]
-        for g in np.setdiff1d(must_match, pairs[:, 1]).tolist():
-            for cell in np.argwhere(groups_yx == g):
-                near = look_around(cell, face)
-                found += [np.array([[f, g]]) for f in near[is_free[near]]]
-        return np.concatenate(found)
+        others = (self.states != FREE).view(np.uint8)
+        near = np.zeros_like(others)
+        height = len(others)
+        reach = math.floor(self.epsilon_cells + 0.5 + 1e-9)
+        for dy in range(-reach, reach + 1):
+            # From a centre to a cell that is n > 0 rows or columns away it is n - 1/2 cells.
+            across2 = self.epsilon_cells**2 - max(abs(dy) - 0.5, 0) ** 2
+            widest = math.floor(math.sqrt(max(across2, 0)) + 0.5 + 1e-9)
+            spread = maximum_filter1d(others, 2 * widest + 1, axis=1, mode="constant", cval=1)
+            near[max(dy, 0) : height + min(dy, 0)] |= spread[max(-dy, 0) : height - max(dy, 0)]
+        return near > 0
 
     def _runs(self, meets: NDArray[np.bool_], axis: int) -> Segments:
         """Maximal straight runs of cracks; ``meets[i, j]``: between cell (i, j) and its neighbour along ``axis``."""
