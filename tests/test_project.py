@@ -45,7 +45,7 @@ def test_every_room_exports_what_its_all_says():
 def test_kernels_state_their_signatures_so_that_an_import_compiles_them():
     from numba.core.dispatcher import Dispatcher
 
-    from fleetmap.cli.kernels import kernel_modules
+    from fleetmap.model.kernel_cache import kernel_modules
 
     assert kernel_modules()
     for name in kernel_modules():

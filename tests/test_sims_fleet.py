@@ -53,7 +53,7 @@ def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
     assert document["merged_error_m"]["p95"] <= 0.15
     assert document["dead"] == []
     assert document["bytes_vector"] >= document["bytes_deltas"] > 0
-    sent = sum(size for robot in document["robots"] for size in robot["sent"].values())
+    sent = sum(size for robot in document["per_robot"] for size in robot["sent"].values())
     assert sent == document["bytes_vector"]
 
     assert json.loads((result.out / "stats.json").read_text())["digest"] == document["digest"]
@@ -86,7 +86,7 @@ def test_a_killed_robot_does_not_stop_the_others_and_the_report_says_so(tmp_path
     report = (tmp_path / "report.html").read_text()
     assert "r1 was lost after" in report
     # Its map is still part of what the others hold.
-    states = {robot["robot"]: robot["state"] for robot in document["robots"]}
+    states = {robot["robot"]: robot["state"] for robot in document["per_robot"]}
     assert states["r1"] == "dead"
 
 

@@ -197,6 +197,61 @@ def test_two_rooms_that_the_map_joins_are_found() -> None:
     assert kinds(verify(source, vector_map(polygon(joined, WALL)))) == {"components"}
 
 
+def test_a_room_that_is_divided_is_found_even_if_the_count_of_faces_is_right() -> None:
+    """A room falls apart while one of its halves is joined to the room next door: two faces for two rooms."""
+    source = grid(["#############", *["#.......#...#"] * 7, "#############"])
+    left = [(1, 1), (8, 1), (8, 4), (1, 4)]
+    right = [(1, 5), (8, 5), (8, 8), (5, 8), (5, 9), (8, 9), (8, 12), (1, 12), (1, 9), (4, 9), (4, 8), (1, 8)]
+    report = verify(source, vector_map(polygon(left, WALL_RIGHT) + polygon(right, WALL_RIGHT)))
+    assert "components" in kinds(report)
+    assert "a part of a component of free cells lies in another free face than the rest" in {
+        v.detail for v in report.violations
+    }
+
+
+@pytest.mark.parametrize("filling", "?#")
+def test_a_hole_in_a_wall_is_found_and_corners_connect_only_between_unknown_cells(filling: str) -> None:
+    """Two rooms that meet at a corner, joined there: right if the corner is open, wrong if it is a wall."""
+    source = grid([*[filling * 4 + "...."] * 4, *["...." + filling * 4] * 4])
+    beside = make_label(FREE, UNKNOWN if filling == "?" else OCCUPIED)
+    inner = [(0, 4, beside), (3, 4, beside), (4, 5, beside), (4, 8, FRONTIER), (8, 8, FRONTIER), (8, 4, beside)]
+    corners = [*inner, (5, 4, beside), (4, 3, beside), (4, 0, FRONTIER), (0, 0, FRONTIER)]
+    edges = [(*a[:2], *b[:2], a[2]) for a, b in pairwise([*corners, corners[0]])]
+    report = verify(source, vector_map(edges))
+    assert kinds(report) == (set() if filling == "?" else {"components"})
+
+
+@pytest.mark.parametrize(("door", "specks", "valid"), [("?", 1, True), ("?", 0, False), ("#", 1, False)])
+def test_specks_connect_only_where_they_are(door: str, specks: int, valid: bool) -> None:
+    """Rooms with a hole in their wall: only a speck in it may have become free."""
+    rooms = ["#" * 13, *["#.....#.....#"] * 2, f"#.....{door}.....#", *["#.....#.....#"] * 2, "#" * 13]
+    joined = [row if i != 3 else "#...........#" for i, row in enumerate(rooms)]
+    report = verify(grid(rooms), raw_cracks(grid(joined)), specks=specks)
+    assert ("components" not in kinds(report)) == valid
+
+
+def test_a_speck_elsewhere_does_not_excuse_a_hole() -> None:
+    rooms = [row.format("#") for row in ["#" * 13, *["#.....{}.....#"] * 19, "#" * 13]]
+    rooms[2] = "#.....?.....#"
+    with_hole = [row if i != 16 else "#...........#" for i, row in enumerate(rooms)]
+    report = verify(grid(rooms), raw_cracks(grid(with_hole)))
+    assert "components" in kinds(report)
+
+
+def test_a_free_face_among_unknown_cells_is_found() -> None:
+    source = grid(["?" * 20] * 10 + ["#" * 20] + ["." * 20] * 10)
+    island = polygon([(15, 5), (15, 7), (17, 7), (17, 5)], FRONTIER)
+    edges = raw_cracks(source).edges.tolist()
+    assert verify(source, vector_map(edges)).valid
+    report = verify(source, vector_map([*edges, *island]))
+    assert "a free face without free cells of its own" in {v.detail for v in report.violations}
+
+
+def test_a_free_face_in_a_map_of_a_grid_without_free_cells_is_found() -> None:
+    report = verify(grid(["##", "##"]), vector_map(polygon([(0, 0), (0, 1), (1, 1), (1, 0)], WALL)), specks=0)
+    assert "components" in kinds(report)
+
+
 def test_a_pillar_may_not_vanish() -> None:
     source = grid(["#########", *["#.......#"] * 3, "#...#...#", *["#.......#"] * 3, "#########"])
     assert kinds(verify(source, vector_map(polygon([(1, 1), (1, 8), (8, 8), (8, 1)], WALL)))) == {"uncovered"}

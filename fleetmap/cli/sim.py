@@ -9,8 +9,8 @@ import typer
 from rich.live import Live
 from rich.table import Table
 
-from fleetmap.cli.kernels import load_kernels
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
+from fleetmap.model.kernel_cache import load_kernels
 
 if TYPE_CHECKING:
     from fleetmap.sims import Progress
@@ -96,19 +96,20 @@ def _progress_table(progress: Progress) -> Table:
 
 
 class _PlainProgress:
-    """A line on stderr for each change of phase or tenth of the way: for logs and pipes."""
+    """A line on stderr at each change of phase, tenth of the way or minute of simulated time: for logs and pipes."""
 
     def __init__(self) -> None:
         self._said: object = None
 
     def __call__(self, progress: Progress) -> None:
         covered = max((r.covered for r in progress.robots), default=0.0)
-        now = (progress.phase, int(covered * 10))
+        now = (progress.phase, int(covered * 10), int(progress.t_s / 60))
         if now != self._said:
             self._said = now
             robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
             stderr.print(
-                f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, {robots}, {progress.endpoint}",
+                f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, "
+                f"{robots}, {progress.endpoint}",
                 highlight=False,
                 soft_wrap=True,
             )
@@ -133,9 +134,7 @@ def _print_summary(document: dict[str, object], out: Path) -> None:
             rows.append([key.replace("_", " "), f"{value:,}"])
         elif isinstance(value, str):
             rows.append([key.replace("_", " "), value])
-    robots = document["robots"]
-    count = len(robots) if isinstance(robots, list) else robots
-    print_table(f"{count} robots", ["", "result"], rows)
+    print_table("the run", ["", "result"], rows)
     dead = document.get("dead")
     for death in dead if isinstance(dead, list) else []:
         typer.echo(f"{death['robot']} died at {death['t_s']:.0f} s of simulated time: {death['reason']}")

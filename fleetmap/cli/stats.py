@@ -109,27 +109,23 @@ def _run_stats(folder: Path) -> dict[str, Any]:
         ) from None
     except ValueError as error:
         raise MapFormatError(path=path, field="file", reason=f"no JSON: {error}") from None
-    keys = ("bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates", "robots")
+    keys = ("bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates", "per_robot")
     for key in keys:
         if not isinstance(document, dict) or key not in document:
             raise MapFormatError(path=path, field=key, reason="missing: expected the stats of `fleetmap sim`")
-    return dict(document)
+    codecs = {key.removeprefix("bytes_"): document[key] for key in keys if key.startswith("bytes_")}
+    ratios = {name: size / codecs["vector"] for name, size in codecs.items()} if codecs["vector"] else {}
+    return {**document, "codecs": codecs, "ratios": ratios}
 
 
 def _print_run(document: dict[str, Any]) -> None:
     rows = [
-        [name.removeprefix("bytes_").replace("_", " "), f"{document[name]:,}"]
-        for name in document
-        if name.startswith("bytes_")
+        [name.replace("_", " "), f"{size:,}", f"{document['ratios'].get(name, 0.0):.2f}"]
+        for name, size in document["codecs"].items()
     ]
-    rows += [
-        [name.replace("_", " "), f"{document[name]:.1f}"]
-        for name in ("ratio_full", "ratio_updates")
-        if name in document
-    ]
-    print_table("the run", ["", "bytes, or times smaller"], rows)
-    robots = document["robots"]
-    if isinstance(robots, list) and robots:
+    print_table("the run, all robots", ["", "bytes", "times what fleetmap sent"], rows)
+    robots = document["per_robot"]
+    if robots:
         columns = sorted({kind for robot in robots for kind in robot.get("sent", {})})
         print_table(
             "bytes sent, by robot and kind",

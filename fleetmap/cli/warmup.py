@@ -18,7 +18,7 @@ def warmup(as_json: AsJson = False) -> None:
     """
     import typer
 
-    from fleetmap.cli.kernels import cache_folder, kernel_modules, load_kernels
+    from fleetmap.model.kernel_cache import cache_folder, kernel_modules, load_kernels
 
     started = time.perf_counter()
     names = kernel_modules()

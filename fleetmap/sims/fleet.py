@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib
-import pkgutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-import fleetmap
 from fleetmap.model.errors import LinkError
+from fleetmap.model.kernel_cache import load_kernels
+from fleetmap.peer.rendezvous import rendezvous
 from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
 from fleetmap.sims.crew import Crew
 from fleetmap.sims.outcome import write_outcome
-from fleetmap.sims.rendezvous import rendezvous
 from fleetmap.sims.run import Run
 from fleetmap.sims.worlds import choose_starts, make_world
 
@@ -64,7 +62,8 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
     starts = choose_starts(world, config.robots, radius_m=config.radius_m, rng=rng)
     run = Run(config, world, starts, world.reachable(starts, radius_m=config.radius_m))
     (config.out / "logs").mkdir(parents=True, exist_ok=True)
-    await asyncio.to_thread(warm_kernels)
+    # Compiled once here, and loaded from the cache by the robots.
+    await asyncio.to_thread(lambda: list(load_kernels()))
 
     def tell(phase: str) -> None:
         t_s = max((p.t_s for p in run.latest.values()), default=0.0)
@@ -153,10 +152,3 @@ async def _converge(run: Run, crew: Crew) -> None:
         run.sync = await crew.ask({"sync": 5.0})
         held = {(str(answer["digest"]), str(answer["revisions"])) for answer in run.sync.values()}
         run.converged = len(held) == 1 and all(answer["digest"] for answer in run.sync.values())
-
-
-def warm_kernels() -> None:
-    """Compile all kernels into numba's cache, so that the robots only load them."""
-    for info in pkgutil.walk_packages(fleetmap.__path__, "fleetmap."):
-        if info.name.endswith("_kernels"):
-            importlib.import_module(info.name)

@@ -59,7 +59,7 @@ def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, o
     error = {} if worst is None else {k: None if math.isnan(v) else round(v, 4) for k, v in asdict(worst).items()}
     digests = sorted({str(answer["digest"]) for answer in run.sync.values()})
     return {
-        "robots": [robot_figures(run, robot) for robot in run.latest],
+        "robots": len(run.latest),
         "components": components(run),
         "covered": round(min((covered(m, run.world, run.reachable) for m in maps), default=0.0), 5),
         "converged": run.converged,
@@ -77,6 +77,7 @@ def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, o
         "ratio_updates": ratio(totals["bytes_grid_gzip_updates"], totals["bytes_vector"]),
         "merged_edges": max((len(m) for m in maps), default=0),
         "dead": [asdict(death) for death in deaths],
+        "per_robot": [robot_figures(run, robot) for robot in run.latest],
         "endpoint": run.endpoint,
         "world": run.world.name,
         "config": {**asdict(config), "out": str(config.out)},

@@ -55,6 +55,8 @@ def simplify(boundary: Boundary, epsilon2: int, old: Chains | None) -> tuple[Cha
     from fleetmap.vectorize.simplify_kernels import choose_vertices
     from fleetmap.vectorize.sticky_kernels import keep_edges
 
+    if old is not None and len(old.at) == 0:
+        old = None
     size = len(boundary.points)
     nodes = boundary.nodes()
     preceding = np.empty(size, np.int64)

@@ -15,8 +15,9 @@ def fill_specks(states: NDArray[np.uint8], filled: NDArray[np.uint8], most: int,
 
     ``states`` has a rim of unknown cells; ``filled`` starts as a copy of it. Returns the number of such
     components and of their cells. A free one is kept where no other free cell is within ``apart`` rows and
-    columns of its first cell. Occupied cells are never touched. Components are 4-connected; free cells also
-    meet at a corner if the two other cells there are unknown, as a beam leaves them.
+    columns of its first cell. Unknown ones come last, so that they become free only beside free cells that
+    stay. Occupied cells are never touched. Components are 4-connected; free cells also meet at a corner if the
+    two other cells there are unknown, as a beam leaves them.
     """
     height, width = states.shape
     seen = np.zeros((height, width), np.uint8)  # 1 visited, 2 part of a component that is large enough
@@ -32,84 +33,85 @@ def fill_specks(states: NDArray[np.uint8], filled: NDArray[np.uint8], most: int,
     ends = np.empty(free_cells, np.int64)
     stacked = 0
     free_specks = 0
-    for i in range(1, height - 1):
-        for j in range(1, width - 1):
-            state = states[i, j]
-            if state == 1 or seen[i, j] != 0:
-                continue
-            # A neighbour that was already found to be in a large component decides without a search.
-            if (states[i, j - 1] == state and seen[i, j - 1] == 2) or (
-                states[i - 1, j] == state and seen[i - 1, j] == 2
-            ):
-                seen[i, j] = 2
-                continue
-            around[:] = 0
-            queue[0, 0], queue[0, 1] = i, j
-            seen[i, j] = 1
-            count = 1
-            head = 0
-            large = most < 1
-            while head < count and not large:
-                y, x = queue[head, 0], queue[head, 1]
-                head += 1
-                for d in range(8 if state == 0 else 4):
-                    ny = y + (d == 1) - (d == 3)
-                    nx = x + (d == 0) - (d == 2)
-                    if d > 3:
-                        ny = y + 2 * (d & 1) - 1
-                        nx = x + (d & 2) - 1
-                        if states[ny, x] != 2 or states[y, nx] != 2:
-                            continue
-                    if states[ny, nx] != state:
-                        around[states[ny, nx]] += d < 4
-                    elif seen[ny, nx] == 2 or ny == 0 or nx == 0 or ny == height - 1 or nx == width - 1:
-                        large = True
-                    elif seen[ny, nx] == 0:
-                        if count == most:
+    for state in (0, 2):
+        for i in range(1, height - 1):
+            for j in range(1, width - 1):
+                if states[i, j] != state or seen[i, j] != 0:
+                    continue
+                # A neighbour that was already found to be in a large component decides without a search.
+                if (states[i, j - 1] == state and seen[i, j - 1] == 2) or (
+                    states[i - 1, j] == state and seen[i - 1, j] == 2
+                ):
+                    seen[i, j] = 2
+                    continue
+                around[:] = 0
+                queue[0, 0], queue[0, 1] = i, j
+                seen[i, j] = 1
+                count = 1
+                head = 0
+                large = most < 1
+                while head < count and not large:
+                    y, x = queue[head, 0], queue[head, 1]
+                    head += 1
+                    for d in range(8 if state == 0 else 4):
+                        ny = y + (d == 1) - (d == 3)
+                        nx = x + (d == 0) - (d == 2)
+                        if d > 3:
+                            ny = y + 2 * (d & 1) - 1
+                            nx = x + (d & 2) - 1
+                            if states[ny, x] != 2 or states[y, nx] != 2:
+                                continue
+                        if states[ny, nx] != state:
+                            around[filled[ny, nx]] += d < 4
+                        elif seen[ny, nx] == 2 or ny == 0 or nx == 0 or ny == height - 1 or nx == width - 1:
                             large = True
-                        else:
-                            seen[ny, nx] = 1
-                            queue[count, 0], queue[count, 1] = ny, nx
-                            count += 1
-                    if large:
-                        break
-            if large:
+                        elif seen[ny, nx] == 0:
+                            if count == most:
+                                large = True
+                            else:
+                                seen[ny, nx] = 1
+                                queue[count, 0], queue[count, 1] = ny, nx
+                                count += 1
+                        if large:
+                            break
+                if large:
+                    for k in range(count):
+                        seen[queue[k, 0], queue[k, 1]] = 2
+                    continue
+                if around[1] >= around[0] + around[2]:
+                    prevailing = 1
+                elif around[0] >= around[2]:
+                    prevailing = 0
+                else:
+                    prevailing = 2
                 for k in range(count):
-                    seen[queue[k, 0], queue[k, 1]] = 2
-                continue
-            if around[1] >= around[0] + around[2]:
-                prevailing = 1
-            elif around[0] >= around[2]:
-                prevailing = 0
-            else:
-                prevailing = 2
-            for k in range(count):
-                filled[queue[k, 0], queue[k, 1]] = prevailing
+                    filled[queue[k, 0], queue[k, 1]] = prevailing
+                    if state == 0:
+                        stack[stacked, 0], stack[stacked, 1] = queue[k, 0], queue[k, 1]
+                        stacked += 1
                 if state == 0:
-                    stack[stacked, 0], stack[stacked, 1] = queue[k, 0], queue[k, 1]
-                    stacked += 1
-            if state == 0:
-                ends[free_specks] = stacked
-                free_specks += 1
-            specks += 1
-            cells += count
-    first = 0
-    for s in range(free_specks):
-        i, j = stack[first, 0], stack[first, 1]
-        alone = True
-        for y in range(max(i - apart, 0), min(i + apart + 1, height)):
-            for x in range(max(j - apart, 0), min(j + apart + 1, width)):
-                if filled[y, x] == 0:
-                    alone = False
+                    ends[free_specks] = stacked
+                    free_specks += 1
+                if prevailing != state:
+                    specks += 1
+                    cells += count
+        first = 0
+        for s in range(free_specks if state == 0 else 0):
+            i, j = stack[first, 0], stack[first, 1]
+            alone = True
+            for y in range(max(i - apart, 0), min(i + apart + 1, height)):
+                for x in range(max(j - apart, 0), min(j + apart + 1, width)):
+                    if filled[y, x] == 0:
+                        alone = False
+                        break
+                if not alone:
                     break
-            if not alone:
-                break
-        if alone:
-            for k in range(first, ends[s]):
-                filled[stack[k, 0], stack[k, 1]] = 0
-            specks -= 1
-            cells -= ends[s] - first
-        first = ends[s]
+            if alone:
+                for k in range(first, ends[s]):
+                    filled[stack[k, 0], stack[k, 1]] = 0
+                specks -= 1
+                cells -= ends[s] - first
+            first = ends[s]
     return specks, cells
 
 
@@ -121,7 +123,8 @@ def trace(
 
     ``states`` has a rim of unknown cells. Returns the lattice points (y, x) of all loops, one a unit step,
     (0, 0) being the corner inside the rim; the state to the right of the step that leaves each point; whether
-    the walk turns there; and the loops' offsets. Free cells that meet only at a corner are not connected.
+    the walk turns there; and the loops' offsets. Free cells that meet at a corner are connected there if both
+    other cells are unknown.
     """
     height, width = states.shape
     total = 0

@@ -80,8 +80,16 @@ def verify(
     2. Every point of an edge is at most epsilon away from boundary of its own kind: ``astray``. For backs of
        walls, which only this test is about, that is the boundary between occupied and unknown.
     3. Edges meet only at vertices: ``crossing``.
-    4. All edges agree which faces are free (``sides``), and the free faces correspond one to one to the
-       4-connected components of free cells (``components``).
+    4. All edges agree which faces are free (``sides``), and the free faces are the components of free cells
+       (``components``; components are 4-connected, and specks are those of at most ``specks`` cells):
+
+       a. Every component of free cells that is no speck lies in exactly one free face, the whole of it; only
+          cells within epsilon of what is not free may lie elsewhere.
+       b. Components that share a face are connected there: at corners whose two other cells are not occupied (a
+          beam leaves cells that meet so, and the vectorizer makes one sliver of them), or through specks. Never
+          through occupied cells, nor at a corner between any: a hole in a wall is a violation. Nothing demands
+          that components which meet at a corner share a face.
+       c. A free face without such a component is where a free speck is, and each has a speck of its own.
 
     Epsilon is the map's own; a distance of exactly epsilon is legal. What lies outside of the grid is unknown.
     The grid may have any phase on the map's lattice: it stands at its true offset, in sixteenths of a cell.

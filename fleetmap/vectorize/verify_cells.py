@@ -1,4 +1,4 @@
-"""What the verifier knows of the grid: its boundary, its specks, and which face each free cell fell into."""
+"""What the verifier knows of the grid: its boundary, its components and specks, and which face each cell is in."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class GridCells:
         self.origin_yx = _place_on_lattice(grid, vector_map) - UNIT  # of the rim's lower left corner
         free_labels, self.free_count = label(self.states == FREE)
         unknown_labels, unknown_count = label(self.states == UNKNOWN)
-        # All components in one numbering; 0 is occupied.
+        # All components in one numbering, the free ones first; 0 is occupied.
         self.labels: NDArray[np.int64] = np.where(
             unknown_labels > 0, unknown_labels.astype(np.int64) + self.free_count, free_labels
         )
@@ -116,7 +116,7 @@ class GridCells:
         from scipy.ndimage import maximum_filter1d
 
         others = (self.states != FREE).view(np.uint8)
-        near = np.zeros_like(others)
+        near: NDArray[np.bool_] = np.zeros(others.shape, bool)
         height = len(others)
         reach = math.floor(self.epsilon_cells + 0.5 + 1e-9)
         for dy in range(-reach, reach + 1):
@@ -124,8 +124,8 @@ class GridCells:
             across2 = self.epsilon_cells**2 - max(abs(dy) - 0.5, 0) ** 2
             widest = math.floor(math.sqrt(max(across2, 0)) + 0.5 + 1e-9)
             spread = maximum_filter1d(others, 2 * widest + 1, axis=1, mode="constant", cval=1)
-            near[max(dy, 0) : height + min(dy, 0)] |= spread[max(-dy, 0) : height - max(dy, 0)]
-        return near > 0
+            near[max(dy, 0) : height + min(dy, 0)] |= spread[max(-dy, 0) : height - max(dy, 0)] > 0
+        return near
 
     def _runs(self, meets: NDArray[np.bool_], axis: int) -> Segments:
         """Maximal straight runs of cracks; ``meets[i, j]``: between cell (i, j) and its neighbour along ``axis``."""

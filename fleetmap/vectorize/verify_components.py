@@ -21,6 +21,9 @@ from fleetmap.vectorize.verify_faces import Faces
 Defects = list[tuple[str, NDArray[np.float64]]]
 """What is wrong, and where: (y, x) in cells of the lattice."""
 
+SETTLE_ROUNDS = 4
+"""A thin component that finds its face may show the way to the next one; so often is enough for real maps."""
+
 
 def find_component_defects(
     cells: GridCells, edges: NDArray[np.int64], faces: Faces, is_free: NDArray[np.bool_]
@@ -40,9 +43,10 @@ def find_component_defects(
     components = _Components(cells, edges, faces, is_free)
     split, deep_face = components.follow_deep_cells()
     by_share = components.add_thin(deep_face)
-    defects = components.defects_of(by_share)
+    defects = components.defects_of(components.settle(by_share))
     if defects:
-        defects = min(defects, components.defects_of(components.match_thin(deep_face, by_share)), key=len)
+        matched = components.settle(components.match_thin(deep_face, by_share))
+        defects = min(defects, components.defects_of(matched), key=len)
     return split + defects
 
 
@@ -83,14 +87,12 @@ class _Components:
         return defects, face_of
 
     def add_thin(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Assign each thin component to the face that has most of its cells; to one near it if none has any."""
+        """Assign each thin component to the face that has most of its cells, if any has."""
         thin = self.is_thin[self.cells.labels] & (self.face >= 0)
         pairs, counts = np.unique(
             np.column_stack([self.cells.labels[thin], self.face[thin]]), axis=0, return_counts=True
         )
-        share = _most(pairs, counts, len(face_of))
-        close = _most(self.near, np.ones(len(self.near), np.int64), len(face_of))
-        return np.where(self.is_thin, np.where(share >= 0, share, close), face_of)
+        return np.where(self.is_thin, _most(pairs, counts, len(face_of)), face_of)
 
     def match_thin(self, face_of: NDArray[np.int64], by_share: NDArray[np.int64]) -> NDArray[np.int64]:
         """Assign thin components to faces near them so that as few faces as may be have nothing of their own."""
@@ -99,68 +101,113 @@ class _Components:
         matched = _match(self.near, needy, self.is_thin | self.is_free_speck)
         return np.where(self.is_thin & (matched >= 0), matched, by_share)
 
+    def settle(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Move thin components that are connected to nothing in their face to one near them where they are.
+
+        Those that are nowhere may have a face near them to themselves, if one is left over.
+        """
+        face_of = face_of.copy()
+        for _ in range(SETTLE_ROUNDS):
+            loose = self.is_thin & (face_of < 0)
+            loose[self._strays(face_of)] = True
+            loose &= self.is_thin
+            if not loose.any():
+                break
+            fixed = np.flatnonzero(self.must_keep & ~loose & (face_of >= 0))
+            nodes, part = self._connect(fixed, face_of, self.is_speck | loose)
+            is_fixed = np.isin(nodes[:, 0], fixed)
+            company = np.bincount(part, self.cells.sizes[nodes[:, 0]] * is_fixed).astype(np.int64)[part]
+            options = loose[nodes[:, 0]] & (company > 0)
+            moved = _most(nodes[options], company[options], len(face_of))
+            alone = loose & (moved < 0)
+            needy = self.is_free.copy()
+            needy[face_of[fixed]] = False
+            moved[alone] = _match(self.near, needy, alone)[alone]
+            face_of[moved >= 0] = moved[moved >= 0]
+        return face_of
+
     def defects_of(self, face_of: NDArray[np.int64]) -> Defects:
         """What is wrong if components that must be kept are in the faces ``face_of``, (labels,)."""
+        nowhere = np.flatnonzero(self.is_thin & (face_of < 0)).tolist()
+        detail = "a component of free cells has no free face near it"
+        defects: Defects = [(detail, self._place_of(component)) for component in nowhere]
+        detail = "a component of free cells shares a face with others that it is not connected to"
+        defects += [(detail, self._place_of(component)) for component in self._strays(face_of).tolist()]
+        # Faces that must have come from free specks.
+        needy = self.is_free.copy()
+        needy[face_of[self.must_keep & (face_of >= 0)]] = False
+        needy[self.face[self.deep & (self.face >= 0)]] = False  # they are told of where components are split
+        served = _match(self.near, needy, self.is_free_speck)
+        needy[served[served >= 0]] = False
+        defects += [("a free face without free cells of its own", self.vertex_of[f]) for f in np.flatnonzero(needy)]
+        return defects
+
+    def _strays(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The components that are not connected, within their face, to the largest part of what is there."""
+        kept = np.flatnonzero(self.must_keep & (face_of >= 0))
+        nodes, part = self._connect(kept, face_of, self.is_speck)
+        is_kept = self.must_keep[nodes[:, 0]]
+        nodes, part = nodes[is_kept], part[is_kept]
+        size = np.bincount(part, self.cells.sizes[nodes[:, 0]])[part]
+        order = np.lexsort((part, size, nodes[:, 1]))  # the last one of each face is of its largest part
+        largest = np.full(len(self.is_free), -1, np.int64)
+        largest[nodes[order, 1]] = part[order]
+        strays: NDArray[np.int64] = nodes[part != largest[nodes[:, 1]], 0]
+        return strays
+
+    def _connect(
+        self, kept: NDArray[np.int64], face_of: NDArray[np.int64], floating: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(n, 2) nodes (component, face), and the connected part of its face that each belongs to.
+
+        ``kept`` ones are in their faces, ``floating`` ones in each that is near them.
+        """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        kept = np.flatnonzero(self.must_keep & (face_of >= 0))
-        defects: Defects = [
-            ("a component of free cells has no free face near it", self._place_of(c))
-            for c in np.flatnonzero(self.is_thin & (face_of < 0)).tolist()
-        ]
-        # Connection within each face: its nodes are (component, face), one for each face near a speck.
-        nodes = np.concatenate([np.column_stack([kept, face_of[kept]]), self.near[self.is_speck[self.near[:, 0]]]])
+        nodes = np.concatenate([np.column_stack([kept, face_of[kept]]), self.near[floating[self.near[:, 0]]]])
         nodes = np.unique(nodes, axis=0)
+        if len(nodes) == 0:
+            return nodes, np.zeros(0, np.int64)
         keys = nodes[:, 0] * len(self.is_free) + nodes[:, 1]
         first, last = (np.searchsorted(nodes[:, 0], self.links[:, 0], side) for side in ("left", "right"))
         tail = _ranges(first, last)
         wanted = np.repeat(self.links[:, 1], last - first) * len(self.is_free) + nodes[tail, 1]
         head = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         linked = keys[head] == wanted
-        ends = (tail[linked], head[linked])
-        _, part = connected_components(
-            coo_array((np.ones(len(ends[0]), bool), ends), shape=(len(nodes), len(nodes))), directed=False
+        graph = coo_array(
+            (np.ones(np.count_nonzero(linked), bool), (tail[linked], head[linked])), shape=(len(nodes), len(nodes))
         )
-        is_kept = self.must_keep[nodes[:, 0]]
-        sizes = np.bincount(part[is_kept], self.cells.sizes[nodes[is_kept, 0]], minlength=int(part.max(initial=-1)) + 1)
-        parts = np.unique(np.column_stack([nodes[is_kept, 1], part[is_kept]]), axis=0)
-        parts = parts[np.lexsort((-sizes[parts[:, 1]], parts[:, 0]))]
-        for p in parts[np.diff(parts[:, 0], prepend=-1) == 0, 1].tolist():
-            component = int(nodes[is_kept & (part == p), 0][0])
-            detail = "a component of free cells shares a face with others that it is not connected to"
-            defects.append((detail, self._place_of(component)))
-        # Faces that must have come from free specks.
-        needy = self.is_free.copy()
-        needy[face_of[kept]] = False
-        needy[self.face[self.deep & (self.face >= 0)]] = False  # which was told of already
-        served = _match(self.near, needy, self.is_free_speck)
-        needy[served[served >= 0]] = False
-        defects += [("a free face without free cells of its own", self.vertex_of[f]) for f in np.flatnonzero(needy)]
-        return defects
+        return nodes, connected_components(graph, directed=False)[1].astype(np.int64)
 
     def _near(self, edges: NDArray[np.int64], faces: Faces) -> NDArray[np.int64]:
         """(n, 2) ascending (component, free face) that are within reach, for thin components and specks."""
         reach = math.ceil(self.cells.epsilon_cells) + 1
+        wanted = self.is_speck | self.is_thin
+        labels = np.pad(np.where(wanted[self.cells.labels], self.cells.labels, 0), reach)
         face = np.pad(self.face, reach, constant_values=-1)
-        labels = np.pad(self.cells.labels, reach)
-        found = [np.zeros((0, 2), np.int64)]
-        y, x = np.nonzero((self.is_speck | self.is_thin)[labels])
-        # Faces too thin for a cell's centre are near the components around their vertices.
-        self.vertex_of = np.zeros((faces.count, 2))
+        # A face may be too thin for the centre of any cell, so the cells along its edges count as well.
         beside = np.concatenate([faces.left, faces.right])
-        self.vertex_of[beside] = np.tile(edges[:, :2], (2, 1)) / UNIT
-        hollow = self.is_free.copy()
-        hollow[self.face[self.face >= 0]] = False
-        vertices = np.tile(edges, (2, 1))[hollow[beside]].reshape(-1, 2)
-        of_face = np.repeat(beside[hollow[beside]], 2)
-        vy, vx = np.clip((vertices - self.cells.origin_yx) // UNIT, 0, np.array(self.face.shape) - 1).T + reach
+        both = np.tile(edges, (2, 1))[self.is_free[beside]]
+        beside = beside[self.is_free[beside]]
+        self.vertex_of: NDArray[np.float64] = np.zeros((faces.count, 2))
+        self.vertex_of[beside] = both[:, :2] / UNIT
+        steps = np.abs(both[:, 2:] - both[:, :2]).max(axis=1) // UNIT
+        which = np.repeat(np.arange(len(both)), steps + 1)
+        along = (_ranges(np.zeros_like(steps), steps + 1) / steps[which])[:, None]
+        points = both[which, :2] + along * (both[which, 2:] - both[which, :2])
+        place = np.floor((points - self.cells.origin_yx) / UNIT).astype(np.int64)
+        py, px = np.clip(place, 0, np.array(self.face.shape) - 1).T + reach
+        py, px, at_edge = np.unique(np.stack([py, px, beside[which]]), axis=1)
+
+        y, x = np.nonzero(labels)
+        found = [np.zeros((0, 2), np.int64)]
         for dy in range(-reach, reach + 1):
             for dx in range(-reach, reach + 1):
                 found.append(_unique_pairs(labels[y, x], face[y + dy, x + dx], faces.count))
-                found.append(_unique_pairs(labels[vy + dy, vx + dx], of_face, faces.count))
+                found.append(_unique_pairs(labels[py + dy, px + dx], at_edge, faces.count))
         pairs = np.unique(np.concatenate(found), axis=0)
-        return pairs[(self.is_speck | self.is_thin)[pairs[:, 0]]]
+        return pairs[pairs[:, 0] > 0]
 
     def _links(self) -> NDArray[np.int64]:
         """(n, 2) components, specks among them, that meet: at a side, or at a corner without an occupied cell."""
@@ -205,9 +252,7 @@ def _most(pairs: NDArray[np.int64], counts: NDArray[np.int64], size: int) -> NDA
     return face_of
 
 
-def _match(
-    pairs: NDArray[np.int64], faces: NDArray[np.bool_], components: NDArray[np.bool_]
-) -> NDArray[np.int64]:
+def _match(pairs: NDArray[np.int64], faces: NDArray[np.bool_], components: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(labels,) the face, or -1, of each component in a largest matching by the (component, face) allowed."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
@@ -221,4 +266,5 @@ def _match(
 def _ranges(first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
     """All whole numbers of each range, one range after the other."""
     length = last - first
-    return np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length) + np.repeat(first, length)
+    step: NDArray[np.int64] = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+    return step + np.repeat(first, length)

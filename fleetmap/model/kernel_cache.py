@@ -9,13 +9,14 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import fleetmap
+PACKAGE = Path(__file__).parents[1]
+"""Where the package ``fleetmap`` lies; importing it from here would turn the arrows between the rooms around."""
 
 
 def kernel_modules() -> list[str]:
     """Full names of all modules whose name ends in ``_kernels``."""
     return sorted(
-        info.name for info in pkgutil.walk_packages(fleetmap.__path__, "fleetmap.") if info.name.endswith("_kernels")
+        info.name for info in pkgutil.walk_packages([str(PACKAGE)], "fleetmap.") if info.name.endswith("_kernels")
     )
 
 
@@ -33,7 +34,7 @@ def cache_folder() -> str | None:
         [Path(configured)]
         if configured
         # numba's own order: beside the source, then the user's cache folder.
-        else [Path(fleetmap.__path__[0]) / "model" / "__pycache__", Path.home() / ".cache" / "numba"]
+        else [PACKAGE / "model" / "__pycache__", Path.home() / ".cache" / "numba"]
     )
     for folder in candidates:
         try:
