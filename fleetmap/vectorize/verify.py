@@ -86,9 +86,10 @@ def verify(
        a. Every component of free cells that is no speck lies in exactly one free face, the whole of it; only
           cells within epsilon of what is not free may lie elsewhere.
        b. Components that share a face are connected there: at corners whose two other cells are not occupied (a
-          beam leaves cells that meet so, and the vectorizer makes one sliver of them), or through specks. Never
-          through occupied cells, nor at a corner between any: a hole in a wall is a violation. Nothing demands
-          that components which meet at a corner share a face.
+          beam leaves cells that meet so, and the vectorizer makes one sliver of them), through free specks, or
+          through unknown specks that the map has made free there. Never through occupied cells, nor at a corner
+          beside one: a hole in a wall is a violation. Nothing demands that components which meet at a corner
+          share a face.
        c. A free face without such a component is where a free speck is, and each has a speck of its own.
 
     Epsilon is the map's own; a distance of exactly epsilon is legal. What lies outside of the grid is unknown.

@@ -32,7 +32,7 @@ def find_component_defects(
 
     1. Each component that is no speck lies in exactly one free face.
     2. Components in one face are connected: directly where they meet at a corner whose two other cells are not
-       occupied, or through each other or specks near that face, which may have become free.
+       occupied, or through each other, free specks near that face, or unknown specks that have become part of it.
     3. A free face without such a component has a free speck of its own near it.
 
     Parameters
@@ -67,6 +67,8 @@ class _Components:
         self.is_thin = self.must_keep.copy()
         self.is_thin[cells.labels[self.deep]] = False
         self.near = self._near(edges, faces)
+        became = (cells.speck > 0) & (self.face >= 0)
+        self.opened = _unique_pairs(cells.speck[became], self.face[became], faces.count)
         self.links = self._links()
 
     def follow_deep_cells(self) -> tuple[Defects, NDArray[np.int64]]:
@@ -114,7 +116,7 @@ class _Components:
             if not loose.any():
                 break
             fixed = np.flatnonzero(self.must_keep & ~loose & (face_of >= 0))
-            nodes, part = self._connect(fixed, face_of, self.is_speck | loose)
+            nodes, part = self._connect(fixed, face_of, loose)
             is_fixed = np.isin(nodes[:, 0], fixed)
             company = np.bincount(part, self.cells.sizes[nodes[:, 0]] * is_fixed).astype(np.int64)[part]
             options = loose[nodes[:, 0]] & (company > 0)
@@ -145,7 +147,7 @@ class _Components:
     def _strays(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
         """The components that are not connected, within their face, to the largest part of what is there."""
         kept = np.flatnonzero(self.must_keep & (face_of >= 0))
-        nodes, part = self._connect(kept, face_of, self.is_speck)
+        nodes, part = self._connect(kept, face_of, np.zeros_like(self.is_thin))
         is_kept = self.must_keep[nodes[:, 0]]
         nodes, part = nodes[is_kept], part[is_kept]
         size = np.bincount(part, self.cells.sizes[nodes[:, 0]])[part]
@@ -156,17 +158,17 @@ class _Components:
         return strays
 
     def _connect(
-        self, kept: NDArray[np.int64], face_of: NDArray[np.int64], floating: NDArray[np.bool_]
+        self, kept: NDArray[np.int64], face_of: NDArray[np.int64], loose: NDArray[np.bool_]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """(n, 2) nodes (component, face), and the connected part of its face that each belongs to.
 
-        ``kept`` ones are in their faces, ``floating`` ones in each that is near them.
+        ``kept`` ones are in their faces, free specks and ``loose`` ones in each that is near them.
         """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        nodes = np.concatenate([np.column_stack([kept, face_of[kept]]), self.near[floating[self.near[:, 0]]]])
-        nodes = np.unique(nodes, axis=0)
+        near = self.near[(self.is_free_speck | loose)[self.near[:, 0]]]
+        nodes = np.unique(np.concatenate([np.column_stack([kept, face_of[kept]]), self.opened, near]), axis=0)
         if len(nodes) == 0:
             return nodes, np.zeros(0, np.int64)
         keys = nodes[:, 0] * len(self.is_free) + nodes[:, 1]
