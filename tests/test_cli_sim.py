@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +23,7 @@ def wait_for_line(stream, pattern):
 
 
 def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_factor):
-    command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "8", "--hold-s", "45", "--json"]
+    command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "8", "--hold-s", "25", "--json"]
     with subprocess.Popen(
         [*command, "--out", "RUN"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as fleet:
@@ -48,3 +49,20 @@ def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_fa
     assert digests == {found["digest"]}
     folder = tmp_path / "RUN"
     assert {"report.html", "map.png", "map.yaml", "map.fmap", "stats.json"} <= {p.name for p in folder.iterdir()}
+
+
+def test_an_interrupted_run_says_so_and_ends(tmp_path, timeout_factor):
+    command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "20", "--json", "--out", "RUN"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as fleet:
+        try:
+            pids = re.findall(r"\[(\d+)\]", wait_for_line(fleet.stderr, r"exploring: .*")[0])
+            fleet.send_signal(signal.SIGINT)
+            out, _ = fleet.communicate(timeout=30 * timeout_factor)
+        finally:
+            fleet.kill()
+    assert fleet.returncode == 130
+    assert json.loads(out)["error"]["type"] == "Interrupted"
+    assert len(pids) == 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)

@@ -14,7 +14,7 @@ from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import Pose2
-from fleetmap.vectorize import Vectorizer, rasterize, vectorize
+from fleetmap.vectorize import Vectorizer, rasterize, vectorize, verify
 
 
 def random_states(seed, height=14, width=17):
@@ -238,3 +238,37 @@ def test_an_empty_map_and_a_full_one():
         vector_map = vectorize(grid)
         assert len(vector_map) == edges
         assert (rasterize(vector_map, like=grid).cells_yx == value).all()
+
+
+def test_an_unknown_speck_becomes_free_only_beside_free_cells_that_stay():
+    """A free speck around an unknown one is dropped: the inner one must not stay behind as a free island."""
+    cells = np.full((30, 30), 100, np.int8)
+    cells[2:28, 2:12] = 0
+    cells[20, 14:17] = cells[21, [14, 16]] = cells[22, 14:17] = 0
+    cells[21, 15] = -1
+    grid = OccupancyGrid(cells, 0.05)
+    vectorizer = Vectorizer()
+    vector_map = vectorizer.update(grid)
+    assert len(vector_map) == 4  # those of the room
+    assert (vectorizer.dropped_specks, vectorizer.dropped_cells) == (2, 9)
+    assert verify(grid, vector_map).valid
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0, 12]), st.sampled_from([0.5, 1.0, 2**0.5, 3.0]))
+def test_the_verifier_finds_a_fresh_map_valid(seed, specks, epsilon):
+    grid = OccupancyGrid.from_states(random_states(seed), 0.05)
+    assert verify(grid, vectorize(grid, specks=specks, epsilon_cells=epsilon), specks=specks).violations == ()
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.booleans(), st.integers(2, 21), st.sampled_from([0, 12]))
+def test_the_verifier_finds_a_door_that_only_one_of_grid_and_map_has(diagonal, y, specks):
+    closed = np.full((24, 24), FREE, np.uint8)
+    closed[np.arange(24), np.arange(24) if diagonal else 12] = OCCUPIED
+    opened = closed.copy()
+    opened[y, y if diagonal else 12] = FREE
+    with_door, without = (OccupancyGrid.from_states(states, 0.05) for states in (opened, closed))
+    for source, drawn in ((with_door, without), (without, with_door)):
+        violations = verify(source, vectorize(drawn, specks=specks), specks=specks).violations
+        assert "components" in {violation.kind for violation in violations}

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.pose import Pose2
-from fleetmap.vectorize import Vectorizer, rasterize, vectorize
+from fleetmap.vectorize import Vectorizer, rasterize, vectorize, verify
 
 
 def world(seed=0, size=240):
@@ -133,6 +133,27 @@ def test_the_history_doesnt_cost_edges():
     grid = observe(distance, 0.0, rng)
     vector_map = vectorizer.update(grid)
     assert len(vector_map) <= 1.15 * len(vectorize(grid)) + 20
+
+
+def test_a_map_without_edges_is_followed_by_any_other():
+    nothing, room = np.full((20, 20), -1, np.int8), np.full((20, 20), 100, np.int8)
+    room[2:-2, 2:-2] = 0
+    vectorizer = Vectorizer()
+    for cells in (nothing, room, nothing, room):
+        grid = OccupancyGrid(cells, 0.05)
+        assert vectorizer.update(grid).digest == vectorize(grid).digest
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.lists(st.tuples(*[st.integers(-8, 7)] * 2), min_size=1, max_size=3))
+def test_the_verifier_finds_updates_valid_at_any_phase(seed, phases):
+    rng = np.random.default_rng(seed)
+    cells = observe(world(seed, 60), 0.4, rng).cells_yx
+    vectorizer = Vectorizer()
+    for y16, x16 in [(0, 0), *phases]:
+        noisy = np.where(rng.random(cells.shape) < 0.03, rng.choice([-1, 0, 100], cells.shape), cells)
+        grid = OccupancyGrid(noisy.astype(np.int8), 0.05, Pose2(x16 / 16 * 0.05, y16 / 16 * 0.05))
+        assert verify(grid, vectorizer.update(grid)).violations == ()
 
 
 def test_another_resolution_or_yaw_needs_a_new_epoch():

@@ -58,6 +58,8 @@ def run(arguments: list[str]) -> int:
     warnings.showwarning = _show_warning
     try:
         result = app(arguments, prog_name="fleetmap", standalone_mode=False)
+        if result == 130:  # newer versions of typer turn Ctrl-C into this
+            raise KeyboardInterrupt
         return result if isinstance(result, int) else 0
     except ConfigError as error:
         return _fail(error, 2, as_json)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.model.errors import NoPath
+from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import EPSILON_CELLS, FREE
 from fleetmap.model.mergedmap import FLEET_UM, MergedMap
 from fleetmap.planners.protocol import Path
@@ -53,7 +54,7 @@ def plan_astar(
             )
 
     if _clear(start, goal, walls, free, clearance):
-        return _finish(merged, np.array([start, goal]), walls, origin, cell_m)
+        return _finish(merged, grid, np.array([start, goal]), walls, start_xy, goal_xy)
     passable = free.copy()
     # Two centres that are d from a wall, a diagonal apart: the point between them is sqrt(d^2 - 1/2) from it.
     block_near(passable, walls, math.sqrt(clearance * clearance + 0.5))
@@ -68,7 +69,7 @@ def plan_astar(
         raise NoPath(status="unreachable", reason="no free way that is wide enough leads from start to goal")
     centres = np.column_stack([cells % grid.width, cells // grid.width]) + 0.5
     taut = _pull_taut(np.vstack([start, centres, goal]), walls, free, clearance)
-    return _finish(merged, taut, walls, origin, cell_m)
+    return _finish(merged, grid, taut, walls, start_xy, goal_xy)
 
 
 def _clear(
@@ -129,10 +130,11 @@ def _pull_taut(
 
 def _finish(
     merged: MergedMap,
+    grid: OccupancyGrid,
     points: NDArray[np.float64],
     walls: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    cell_m: float,
+    start_xy: tuple[float, float],
+    goal_xy: tuple[float, float],
 ) -> Path:
     """Back to metres, with the clearance that the path really has."""
     from fleetmap.planners.grid_kernels import segment_clearance
@@ -141,10 +143,12 @@ def _finish(
         segment_clearance(a[0], a[1], b[0], b[1], walls, _FAR_CELLS)
         for a, b in zip(points[:-1], points[1:], strict=True)
     )
-    points_xy = points * cell_m + origin
+    points_xy = grid.origin.apply(points * grid.resolution_m)
+    # Exactly what was asked for, and not what rounding to cells and back made of it.
+    points_xy[0], points_xy[-1] = start_xy, goal_xy
     return Path(
         points_xy=points_xy,
         length_m=float(np.hypot(*np.diff(points_xy, axis=0).T).sum()),
-        clearance_m=math.inf if clearance >= _FAR_CELLS else clearance * cell_m,
-        map_error_m=EPSILON_CELLS * merged.resolution_um * 1e-6 + merged.tolerance * FLEET_UM * 1e-6,
+        clearance_m=math.inf if clearance >= _FAR_CELLS else clearance * grid.resolution_m,
+        map_error_m=(EPSILON_CELLS * merged.resolution_um + merged.tolerance * FLEET_UM) / 1e6,
     )

@@ -118,7 +118,7 @@ class GridCells:
         others = (self.states != FREE).view(np.uint8)
         near: NDArray[np.bool_] = np.zeros(others.shape, bool)
         height = len(others)
-        reach = math.floor(self.epsilon_cells + 0.5 + 1e-9)
+        reach = min(math.floor(self.epsilon_cells + 0.5 + 1e-9), height - 1)
         for dy in range(-reach, reach + 1):
             # From a centre to a cell that is n > 0 rows or columns away it is n - 1/2 cells.
             across2 = self.epsilon_cells**2 - max(abs(dy) - 0.5, 0) ** 2

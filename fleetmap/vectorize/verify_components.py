@@ -97,11 +97,29 @@ class _Components:
         return np.where(self.is_thin, _most(pairs, counts, len(face_of)), face_of)
 
     def match_thin(self, face_of: NDArray[np.int64], by_share: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Assign thin components to faces near them so that as few faces as may be have nothing of their own."""
+        """Assign thin components to faces near them so that as few faces as may be have nothing of their own.
+
+        Those that meet count as one, since they may share a face; with deep cells among them they need none.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        size = len(face_of)
+        links = self.links[(self.must_keep | self.is_free_speck)[self.links].all(axis=1)]
+        graph = coo_array((np.ones(len(links), bool), tuple(links.T)), shape=(size, size))
+        group = connected_components(graph, directed=False)[1].astype(np.int64)
+        may_match = np.zeros(size, bool)
+        may_match[group[self.is_thin | self.is_free_speck]] = True
+        may_match[group[self.must_keep & ~self.is_thin]] = False
         needy = self.is_free.copy()
         needy[face_of[face_of >= 0]] = False
-        matched = _match(self.near, needy, self.is_thin | self.is_free_speck)
-        return np.where(self.is_thin & (matched >= 0), matched, by_share)
+        matched = _match(
+            np.unique(np.column_stack([group[self.near[:, 0]], self.near[:, 1]]), axis=0), needy, may_match
+        )
+        takes = self.near[self.is_thin[self.near[:, 0]] & (matched[group[self.near[:, 0]]] == self.near[:, 1])]
+        result = by_share.copy()
+        result[takes[:, 0]] = takes[:, 1]
+        return result
 
     def settle(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
         """Move thin components that are connected to nothing in their face to one near them where they are.
