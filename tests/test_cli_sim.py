@@ -53,9 +53,7 @@ def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_fa
 
 def test_an_interrupted_run_says_so_and_ends(tmp_path, timeout_factor):
     command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "20", "--json", "--out", "RUN"]
-    with subprocess.Popen(
-        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as fleet:
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as fleet:
         try:
             pids = re.findall(r"\[(\d+)\]", wait_for_line(fleet.stderr, r"exploring: .*")[0])
             fleet.send_signal(signal.SIGINT)

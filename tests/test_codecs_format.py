@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections.abc import Iterator
 
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from fleetmap.codecs import protocol
 from fleetmap.codecs.messages import Header
+from fleetmap.codecs.mode1_start import START
 from fleetmap.engine.stream import Stream, Submap
 from fleetmap.model.delta import diff
 from fleetmap.model.lattice import Lattice
@@ -37,9 +39,132 @@ def signed(number: int) -> int:
     return number // 2 if number % 2 == 0 else -(number + 1) // 2
 
 
+class RangeCoder:
+    """The coder of mode 1."""
+
+    def __init__(self, data: bytes) -> None:
+        self.p = [16 * b + 8 for b in START]
+        self.bytes = itertools.chain(data, itertools.repeat(0))
+        self.range, self.code = 2**32 - 1, 0
+        for _ in range(4):
+            self.code = self.code * 256 + next(self.bytes)
+
+    def decide(self, context: int | None) -> int:
+        bound = self.range >> 1 if context is None else (self.range >> 12) * self.p[context]
+        one = self.code >= bound
+        if one:
+            self.code, self.range = self.code - bound, self.range - bound
+        else:
+            self.range = bound
+        if context is not None:
+            self.p[context] += -(self.p[context] >> 5) if one else (4096 - self.p[context]) >> 5
+        while self.range < 2**24:
+            self.range, self.code = self.range << 8, self.code * 256 + next(self.bytes)
+        return int(one)
+
+    def n(self, c: int) -> int:
+        length = 0
+        while self.decide(c + min(length, 11)):
+            length += 1
+        if length < 2:
+            return length
+        value = 2 + self.decide(c + 12 + min(length - 2, 11))
+        for _ in range(length - 2):
+            value = 2 * value + self.decide(None)
+        return value
+
+    def s(self, c: int, d: int | None) -> int:
+        value = self.n(c)
+        return -value if value and self.decide(d) else value
+
+
+def sgn(value: int) -> int:
+    return (value > 0) - (value < 0)
+
+
+def mode0_numbers(payload: bytes, base: Map) -> list[int]:
+    """The numbers that mode 0 would write, from a payload of mode 1."""
+    coder = RangeCoder(payload[1:])
+    counts = [coder.n(24 * i) for i in range(6)]
+    removed_n, known_n, absolute_n, chains_n, runs_n, rethickened_n = counts
+    removed: list[Edge] = []
+    gaps: list[int] = []
+    gap, touched, before = 0, dict[tuple[int, int], int](), False
+    for edge in sorted(base):
+        if len(removed) == removed_n:
+            break
+        first, second = edge[:2], edge[2:4]
+        a, b = touched.get(first, 0), touched.get(second, 0)
+        before = coder.decide(832 if a == b == 0 and before else 816 + 4 * a + b) == 1
+        for vertex in (first, second):
+            touched[vertex] = touched.get(vertex, 0) | (2 if before else 1)
+        gap += 1
+        if before:
+            removed.append(edge)
+            gaps.append(gap - 1)
+            gap = 0
+    surplus: dict[tuple[int, int], int] = {}
+    for y0, x0, y1, x1, label in removed:
+        sign = 1 if divmod(label, 3) in CLASSES.values() else -1
+        surplus[y0, x0] = surplus.get((y0, x0), 0) + sign
+        surplus[y1, x1] = surplus.get((y1, x1), 0) - sign
+    known = sorted(surplus)
+    ranks: list[int] = []
+    for rank, point in enumerate(known):
+        if len(ranks) < known_n:
+            ranks += [rank] * coder.n(144 + 24 * (1 + sgn(surplus[point])))
+    roots = [known[rank] for rank in ranks]
+    absolute = [coder.s(216, None) for _ in range(2 * absolute_n)]
+    y, x = removed[0][:2] if removed else (0, 0)
+    for dy, dx in zip(absolute[::2], absolute[1::2], strict=True):
+        y, x = y + dy, x + dx
+        roots.append((y, x))
+    q, chains = 3, []
+    for _ in range(chains_n):
+        continues = coder.decide(848 + q)
+        w = 852 + 2 * (q if continues else 3)
+        q = 1 + coder.decide(w + 1) if coder.decide(w) else 0
+        chains.append((continues, q, coder.n(240 + 24 * q) + 1))
+    targets = [point for point in known for _ in range(-surplus[point])][:64]
+    steps: list[int] = []
+    waiting = iter(roots)
+    u = v = 0
+    for i, (continues, _, edges) in enumerate(chains):
+        if not continues:
+            (y, x), u, v = next(waiting), 0, 0
+        walk_ends = i + 1 == chains_n or not chains[i + 1][0]
+        for left in range(edges, 0, -1):
+            if left == 1 and walk_ends and targets and coder.decide(878):
+                targets.sort(key=lambda t, y=y, x=x: (abs(t[0] - y) + abs(t[1] - x), t))
+                end = targets.pop(coder.n(792))
+                dy, dx = end[0] - y, end[1] - x
+            else:
+                dy = coder.s(312, 860 + 3 * (1 + u) + 1 + v)
+                u = sgn(dy)
+                dx = coder.s(336 + 24 * min(abs(dy).bit_length(), 6), 869 + 3 * (1 + v) + 1 + u)
+                v = sgn(dx)
+            y, x = y + dy, x + dx
+            steps += [dy, dx]
+    runs, thickness = [], 4
+    for _ in range(runs_n):
+        thickness = coder.n(504 + 24 * min(thickness, 8))
+        runs += [thickness, coder.n(720) + 1]
+    rethickened = [coder.n(744 + 24 * (i % 2)) for i in range(2 * rethickened_n)]
+    heads = [continues + 2 * (q + 3 * (edges - 1)) for continues, q, edges in chains]
+    rank_gaps = [b - a for a, b in zip([0, *ranks], ranks, strict=False)]
+    pairs = [[zigzag(v) for v in values] for values in (absolute, steps)]
+    return counts + gaps + rank_gaps + pairs[0] + heads + pairs[1] + runs + rethickened
+
+
+def zigzag(value: int) -> int:
+    return 2 * value if value >= 0 else -2 * value - 1
+
+
 def decode(payload: bytes, base: Map) -> Map:
-    body = zlib.decompress(payload[1:], -15) if payload[0] & 0x10 else payload[1:]
-    numbers = leb128(body)
+    if payload[0] & 0x0F == 1:
+        numbers = iter(mode0_numbers(payload, base))
+    else:
+        numbers = leb128(zlib.decompress(payload[1:], -15) if payload[0] & 0x10 else payload[1:])
     removed_n, known_n, absolute_n, chains_n, runs_n, rethickened_n = (next(numbers) for _ in range(6))
     order = sorted(base)
 
@@ -132,9 +257,9 @@ def a_map(rows: list[tuple[int, ...]]) -> VectorMap:
 
 
 @settings(max_examples=50)
-@given(_ROWS.map(a_map), _ROWS.map(a_map))
-def test_the_page_and_the_library_read_the_same(old: VectorMap, new: VectorMap) -> None:
-    assert decode(protocol.encode(diff(old, new), old), plain(old)) == plain(new)
+@given(_ROWS.map(a_map), _ROWS.map(a_map), st.sampled_from([0, 1]))
+def test_the_page_and_the_library_read_the_same(old: VectorMap, new: VectorMap, mode: int) -> None:
+    assert decode(protocol.encode(diff(old, new), old, mode=mode), plain(old)) == plain(new)
 
 
 @given(_ROWS.map(a_map))

@@ -1,4 +1,4 @@
-"""Deltas and mode 0: what is encoded comes back, what is damaged is refused with ``WireError`` and nothing else."""
+"""Deltas and payloads: what is encoded comes back, what is damaged is refused with ``WireError`` and nothing else."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from fleetmap.model.vectormap import VectorMap
 LATTICE = Lattice(50_000)
 LABELS = (1, 2, 3, 5, 6, 7)
 EMPTY = VectorMap.empty(LATTICE)
+MODES = st.sampled_from([0, 1, None])
 
 
 def a_map(rows: list[tuple[int, ...]]) -> VectorMap:
@@ -55,16 +56,17 @@ def test_a_delta_leads_from_one_map_to_the_other(old: VectorMap, new: VectorMap)
 
 
 @settings(max_examples=60)
-@given(maps(), maps())
-def test_a_delta_survives_its_bytes(old: VectorMap, new: VectorMap) -> None:
-    payload = protocol.encode(diff(old, new), old)
+@given(maps(), maps(), MODES)
+def test_a_delta_survives_its_bytes(old: VectorMap, new: VectorMap, mode: int | None) -> None:
+    payload = protocol.encode(diff(old, new), old, mode=mode)
+    assert mode is None or payload[0] & 0x0F == mode
     assert equal(apply(old, protocol.decode(payload, old, robot="r")), new)
 
 
 @settings(max_examples=50)
-@given(maps(MAX_COORDINATE))
-def test_a_snapshot_survives_its_bytes_at_the_bounds(new: VectorMap) -> None:
-    payload = protocol.encode(diff(EMPTY, new), EMPTY)
+@given(maps(MAX_COORDINATE), MODES)
+def test_a_snapshot_survives_its_bytes_at_the_bounds(new: VectorMap, mode: int | None) -> None:
+    payload = protocol.encode(diff(EMPTY, new), EMPTY, mode=mode)
     assert equal(apply(EMPTY, protocol.decode(payload, EMPTY, robot="r")), new)
 
 
@@ -75,13 +77,21 @@ def test_encoding_is_a_function_of_the_maps(new: VectorMap) -> None:
     assert protocol.encode(diff(EMPTY, new), EMPTY) == protocol.encode(diff(EMPTY, again), EMPTY)
 
 
+@settings(max_examples=40)
+@given(maps(), maps())
+def test_the_shorter_mode_is_sent(old: VectorMap, new: VectorMap) -> None:
+    delta = diff(old, new)
+    assert len(protocol.encode(delta, old)) == min(len(protocol.encode(delta, old, mode=mode)) for mode in (0, 1))
+
+
 def test_a_small_delta_takes_few_bytes() -> None:
     """A room whose wall gained a door: one edge gone, three new ones."""
     corners = [(0, 0), (0, 100), (80, 100), (80, 0)]
     walls = [(*a, *b, 1, 4) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
     door = [(0, 0, 0, 40, 1, 4), (0, 40, 0, 58, 2, 0), (0, 58, 0, 100, 1, 4)]
     old, new = a_map(walls), a_map(walls[1:] + door)
-    assert len(protocol.encode(diff(old, new), old)) <= 24
+    assert len(protocol.encode(diff(old, new), old, mode=0)) <= 24
+    assert len(protocol.encode(diff(old, new), old)) <= 20
 
 
 @given(maps(), st.binary(max_size=60))
@@ -93,9 +103,11 @@ def test_random_bytes_are_refused_or_a_delta(base: VectorMap, payload: bytes) ->
 
 
 @settings(max_examples=100)
-@given(maps(), maps(), st.data())
-def test_damaged_payloads_are_refused_or_a_delta(old: VectorMap, new: VectorMap, data: st.DataObject) -> None:
-    payload = bytearray(protocol.encode(diff(old, new), old))
+@given(maps(), maps(), MODES, st.data())
+def test_damaged_payloads_are_refused_or_a_delta(
+    old: VectorMap, new: VectorMap, mode: int | None, data: st.DataObject
+) -> None:
+    payload = bytearray(protocol.encode(diff(old, new), old, mode=mode))
     for _ in range(data.draw(st.integers(1, 3))):
         place = data.draw(st.integers(0, len(payload) - 1))
         payload[place] = data.draw(st.integers(0, 255))
@@ -128,7 +140,7 @@ def test_a_map_that_no_peer_could_read_is_refused(monkeypatch: pytest.MonkeyPatc
     [
         ([1, 0, 0, 0, 0, 0], "expected 1 more"),
         ([0, 0, 0, 2**34, 0, 0], "more numbers"),
-        ([0, 0, 0, 1, 0, 0, 1], "no root"),
+        ([0, 0, 0, 1, 0, 0, 1, 2, 2], "no root"),
         ([0, 0, 0, 0, 0, 0, 7], "left over"),
         ([1, 0, 0, 0, 0, 0, 5], "not below"),
         ([0, 0, 1, 1, 0, 0, 0, 0, 2 * 3 * 2**32], "longer than the payload"),
@@ -203,15 +215,16 @@ def test_inflate_is_exact() -> None:
         inflate(data, max_bytes=299)
 
 
-def test_golden_payloads_are_read(request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize("mode", [0, 1])
+def test_golden_payloads_are_read(request: pytest.FixtureRequest, mode: int) -> None:
     """The bytes of format version 1: a change here breaks every fleet that is under way."""
-    golden = Path(request.path).parent / "data" / "mode0.hex"
+    golden = Path(request.path).parent / "data" / f"mode{mode}.hex"
     lines = [line.split() for line in golden.read_text().splitlines() if line and not line.startswith("#")]
     base = EMPTY
     for payload_hex, digest in lines:
         payload = bytes.fromhex(payload_hex)
         delta = protocol.decode(payload, base, robot="golden")
-        assert protocol.encode(delta, base) == payload
+        assert protocol.encode(delta, base, mode=mode) == payload
         base = apply(base, delta)
         assert f"{base.digest:016x}" == digest
     assert len(lines) == 3

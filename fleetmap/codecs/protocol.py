@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from fleetmap.codecs import mode0
+from fleetmap.codecs import mode0, mode1
+from fleetmap.codecs.fields import DeltaFields, to_delta, to_fields
 from fleetmap.model.delta import MapDelta, diff
-from fleetmap.model.errors import WireError
+from fleetmap.model.errors import ConfigError, WireError
 from fleetmap.model.vectormap import VectorMap
 
 MAX_PAYLOAD_BYTES = (4 << 20) + 1
@@ -18,29 +19,38 @@ class PayloadCodec(Protocol):
 
     MODE: int
 
-    def encode(self, delta: MapDelta, base: VectorMap) -> bytes:
+    def encode(self, fields: DeltaFields, base: VectorMap) -> bytes:
         """Bytes of a delta; the low four bits of the first one are ``MODE``, the others its own flags."""
         ...
 
-    def decode(self, payload: bytes, base: VectorMap) -> MapDelta:
-        """The delta in ``payload``; ``ValueError`` if anything about the bytes is wrong."""
+    def decode(self, payload: bytes, base: VectorMap) -> DeltaFields:
+        """The fields in ``payload``; ``ValueError`` if anything about the bytes is wrong."""
         ...
 
 
-CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0}
+CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0, mode1.MODE: mode1}
 
 
-def encode(delta: MapDelta, base: VectorMap, *, mode: int = mode0.MODE) -> bytes:
-    """A delta against ``base`` as a payload. A snapshot is a delta against the empty map.
+def encode(delta: MapDelta, base: VectorMap, *, mode: int | None = None) -> bytes:
+    """A delta against ``base`` as a payload, in the mode that takes fewer bytes unless one is named.
+
+    A snapshot is a delta against the empty map.
 
     Raises
     ------
-    ConfigError : the delta is larger than a payload may be
+    ConfigError : the delta is larger than a payload of this mode may be
     """
-    return CODECS[mode].encode(delta, base)
+    fields = to_fields(delta, base)
+    if mode is not None:
+        return CODECS[mode].encode(fields, base)
+    payload = mode0.encode(fields, base)
+    try:
+        return min(mode1.encode(fields, base), payload, key=len)
+    except ConfigError:
+        return payload
 
 
-def encode_snapshot(vector_map: VectorMap, *, mode: int = mode0.MODE) -> bytes:
+def encode_snapshot(vector_map: VectorMap, *, mode: int | None = mode0.MODE) -> bytes:
     """A whole map as a payload: a delta against the empty map on the same lattice."""
     empty = VectorMap.empty(vector_map.lattice, epsilon_cells=vector_map.epsilon_cells, profile=vector_map.profile)
     return encode(diff(empty, vector_map), empty, mode=mode)
@@ -63,6 +73,6 @@ def decode(payload: bytes, base: VectorMap, *, robot: str) -> MapDelta:
     if codec is None:
         raise refuse(f"unknown payload mode {payload[0] & 0x0F}; this version reads {sorted(CODECS)}")
     try:
-        return codec.decode(payload, base)
+        return to_delta(codec.decode(payload, base), base)
     except ValueError as error:
         raise refuse(str(error)) from None

@@ -1,0 +1,87 @@
+"""Make fleetmap/codecs/mode1_start.py: the start probabilities of payload mode 1, from deltas of generated worlds.
+
+One robot explores each world and publishes 70 times; seed 1 is left out, to measure on. About two minutes:
+
+    python benchmarks/train_mode1.py > fleetmap/codecs/mode1_start.py
+
+The table is part of the format: another table is another mode.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+
+import numpy as np
+
+from fleetmap.codecs.fields import to_fields
+from fleetmap.codecs.mode1 import CONTEXTS, code_fields
+from fleetmap.model.delta import diff
+from fleetmap.model.vectormap import VectorMap
+from fleetmap.sims.agent import Agent
+from fleetmap.sims.explore import Explorer
+from fleetmap.sims.lidar import Lidar
+from fleetmap.sims.robot import Drive, Robot
+from fleetmap.sims.worlds import choose_starts, make_world
+from fleetmap.vectorize import Vectorizer
+
+WORLDS = [(kind, seed) for seed in (2, 3, 4) for kind in ("office", "unstructured", "maze")]
+PUBLISHES = 70
+LONGEST_S = 2000.0
+LINE = 100
+
+
+class Counter:
+    """A coder that counts the decisions of each context and writes nothing."""
+
+    def __init__(self) -> None:
+        self.counts = np.zeros((CONTEXTS, 2), np.int64)
+
+    def bit(self, context: int, value: int) -> int:
+        """Count one decision."""
+        self.counts[context, value] += 1
+        return value
+
+    def even(self, value: int) -> int:
+        """Nothing to learn here."""
+        return value
+
+
+def publishes(kind: str, seed: int) -> Iterator[VectorMap]:
+    """The maps that one robot publishes while it explores a world of 40 m."""
+    world = make_world(kind, size_m=40.0, seed=seed)
+    start = choose_starts(world, 4, radius_m=0.2, rng=np.random.default_rng([seed, 1]))[0]
+    body = Robot(world, start, Lidar(), Drive(pose_noise_m=0.01), np.random.default_rng(seed))
+    agent = Agent(body, T_fleet_robot=start, explorer=Explorer("r0"))
+    vectorizer = Vectorizer()
+    count = 0
+    while count < PUBLISHES and agent.now_s < LONGEST_S and not (agent.idle and agent.now_s > 60.0):
+        agent.advance(agent.now_s + 3.0)
+        if agent.publish_due:
+            yield vectorizer.update(body.mapper.grid())
+            agent.published()
+            count += 1
+
+
+def main() -> None:
+    """Print the module."""
+    counter = Counter()
+    for kind, seed in WORLDS:
+        base: VectorMap | None = None
+        for vector_map in publishes(kind, seed):
+            base = base or VectorMap.empty(vector_map.lattice)
+            code_fields(counter, to_fields(diff(base, vector_map), base), base)
+            base = vector_map
+    zeros, ones = counter.counts.T
+    share = (zeros + 0.6) / (zeros + ones + 1.2)
+    table = bytes(np.clip(np.rint(256 * share - 0.5), 2, 253).astype(np.uint8))
+    text = base64.b85encode(table).decode()
+    print('"""Start probabilities of payload mode 1, one byte a context; made by ``benchmarks/train_mode1.py``."""\n')
+    print("import base64\n\nSTART = base64.b85decode(")
+    for i in range(0, len(text), LINE):
+        print(f'    "{text[i : i + LINE]}"')
+    print(")")
+
+
+if __name__ == "__main__":
+    main()
