@@ -4,11 +4,12 @@ One robot explores each world and publishes 70 times; seed 1 is left out, to mea
 
     python benchmarks/train_mode1.py > fleetmap/codecs/mode1_start.py
 
-The table is part of the format: another table is another mode.
+The table is part of the format: another table is another mode. ``--tiny`` is for the tests: one small world.
 """
 
 from __future__ import annotations
 
+import argparse
 import base64
 from collections.abc import Iterator
 
@@ -47,9 +48,9 @@ class Counter:
         return value
 
 
-def publishes(kind: str, seed: int) -> Iterator[VectorMap]:
-    """The maps that one robot publishes while it explores a world of 40 m."""
-    world = make_world(kind, size_m=40.0, seed=seed)
+def publishes(kind: str, seed: int, *, size_m: float) -> Iterator[VectorMap]:
+    """The maps that one robot publishes while it explores a world."""
+    world = make_world(kind, size_m=size_m, seed=seed)
     start = choose_starts(world, 4, radius_m=0.2, rng=np.random.default_rng([seed, 1]))[0]
     body = Robot(world, start, Lidar(), Drive(pose_noise_m=0.01), np.random.default_rng(seed))
     agent = Agent(body, T_fleet_robot=start, explorer=Explorer("r0"))
@@ -65,10 +66,13 @@ def publishes(kind: str, seed: int) -> Iterator[VectorMap]:
 
 def main() -> None:
     """Print the module."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tiny", action="store_true", help="one world of 8 m: runs in seconds, trains nothing useful")
+    tiny = parser.parse_args().tiny
     counter = Counter()
-    for kind, seed in WORLDS:
+    for kind, seed in WORLDS[:1] if tiny else WORLDS:
         base: VectorMap | None = None
-        for vector_map in publishes(kind, seed):
+        for vector_map in publishes(kind, seed, size_m=8.0 if tiny else 40.0):
             base = base or VectorMap.empty(vector_map.lattice)
             code_fields(counter, to_fields(diff(base, vector_map), base), base)
             base = vector_map
