@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -15,6 +16,10 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.map_server import save_map
 from fleetmap.model.pose import Pose2
+
+# A shell that runs the tests in the background has its children ignore Ctrl-C; those that test it must not.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples on each run; long hunts belong in benchmarks/.
 settings.register_profile("fleetmap", deadline=None, derandomize=True)
