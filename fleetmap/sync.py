@@ -6,8 +6,10 @@ A thin facade: it owns a thread with an event loop, and forwards to the ``Peer``
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import AsyncGenerator, Coroutine, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -37,7 +39,7 @@ class SyncPeer:
         self._peer = peer
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name=f"fleetmap-sync-{peer.robot}", daemon=True)
-        self._closed = False
+        self._closed, self._lock = False, threading.Lock()
         self._thread.start()
         try:
             self._run(peer.__aenter__())
@@ -55,12 +57,14 @@ class SyncPeer:
 
     def close(self) -> None:
         """Leave the fleet, and end the thread. May be called twice."""
-        if self._closed:
-            return
-        try:
-            self._run(self._peer.close())
-        finally:
+        with self._lock:
+            if self._closed:
+                return
             self._closed = True
+            left = asyncio.run_coroutine_threadsafe(self._leave(), self._loop)
+        try:
+            left.result()
+        finally:
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
             self._loop.close()
@@ -103,7 +107,7 @@ class SyncPeer:
                 except (TimeoutError, StopAsyncIteration):
                     return
         finally:
-            if not self._closed:
+            with contextlib.suppress(LinkError):
                 self._run(changes.aclose())
 
     def plan(
@@ -147,10 +151,24 @@ class SyncPeer:
         return self._peer.stats()
 
     def _run(self, work: Coroutine[object, object, T]) -> T:
-        if self._closed:
-            work.close()
-            raise LinkError(endpoint=self._peer.fleet, reason="the peer is closed")
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+        closed = LinkError(endpoint=self._peer.fleet, reason="the peer is closed")
+        with self._lock:
+            if self._closed:
+                work.close()
+                raise closed
+            future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        try:
+            return future.result()
+        except CancelledError:
+            raise closed from None
+
+    async def _leave(self) -> None:
+        """Close the peer, and end the calls of other threads that still wait: the loop stops after this."""
+        await self._peer.close()
+        waiting = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
 
 
 async def _next(changes: AsyncGenerator[Change, None], timeout_s: float | None) -> Change:

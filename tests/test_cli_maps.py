@@ -68,9 +68,16 @@ def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, comm
         (["compare", "map.txt", "map.yaml"], 1, "map.txt"),
         (["compare", "map.yaml"], 2, "Missing argument"),
         (["vectorize", "map.yaml", "-o", "no/folder/map.fmap"], 1, "no/folder"),
+        (["vectorize", "map.yaml", "-o", "map.yaml"], 2, "ends in .fmap"),
+        (["vectorize", "map.yaml", "-o", "folder.fmap"], 2, "is a folder"),
+        (["vectorize", "broken.fmap", "-o", "again.fmap"], 1, "is a vector map"),
         (["vectorize", "map.yaml", "-o", "map.fmap", "--epsilon", "0"], 2, "epsilon"),
         (["rasterize", "map.yaml", "-o", "again.yaml"], 1, "fmap"),
         (["rasterize", "broken.fmap", "-o", "again.yaml"], 1, "broken.fmap"),
+        (["rasterize", "broken.fmap", "-o", "again"], 2, "ends in .yaml"),
+        (["stats", "broken.fmap"], 1, "is a vector map"),
+        (["stats", "map.yaml", "empty"], 1, "is a folder"),
+        (["sim", "--robots", "1", "--world", "map.yaml", "--out", "."], 2, "holds the world's map"),
         (["stats", "empty"], 1, "stats.json"),
         (["sim", "--world", "nowhere", "--out", "RUN"], 2, "nowhere"),
         (["sim", "--robots", "0"], 2, "robots"),
@@ -80,6 +87,8 @@ def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, comm
 def test_a_wrong_input_gets_a_clear_error(fleetmap_command, map_folder, arguments, code, says):
     (map_folder / "broken.fmap").write_bytes(np.random.default_rng(0).bytes(200))
     (map_folder / "empty").mkdir()
+    (map_folder / "folder.fmap").mkdir()
+    header = (map_folder / "map.yaml").read_bytes()
     run = fleetmap_command(*arguments, cwd=map_folder)
     assert run.code == code
     assert says in run.err
@@ -88,6 +97,7 @@ def test_a_wrong_input_gets_a_clear_error(fleetmap_command, map_folder, argument
     assert run.code == code
     assert says in run.document["error"]["message"]
     assert run.document["error"]["exit_code"] == code
+    assert (map_folder / "map.yaml").read_bytes() == header
 
 
 def test_real_maps_keep_what_the_metrics_ask_for(real_map):

@@ -1,11 +1,14 @@
 """``fleetmap sim`` and the examples, run together as a user would: real processes, real sessions on loopback."""
 
 import json
+import os
 import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 KEYS = {
@@ -51,16 +54,28 @@ def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_fa
     assert {"report.html", "map.png", "map.yaml", "map.fmap", "stats.json"} <= {p.name for p in folder.iterdir()}
 
 
-def test_an_interrupted_run_says_so_and_ends(tmp_path, timeout_factor):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_says_so_and_ends(tmp_path, timeout_factor, how):
     command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "20", "--json", "--out", "RUN"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as fleet:
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    earlier = [tmp_path / "RUN" / name for name in ("stats.json", "report.html", "logs/r7.log")]
+    (tmp_path / "RUN" / "logs").mkdir(parents=True)
+    for path in earlier:
+        path.write_text("{}")
+    here = {**os.environ, "TMPDIR": str(scratch)}
+    with subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=here
+    ) as fleet:
         try:
             pids = re.findall(r"\[(\d+)\]", wait_for_line(fleet.stderr, r"exploring: .*")[0])
-            fleet.send_signal(signal.SIGINT)
+            fleet.send_signal(how)
             out, _ = fleet.communicate(timeout=30 * timeout_factor)
         finally:
             fleet.kill()
     assert fleet.returncode == 130
     assert json.loads(out)["error"]["type"] == "Interrupted"
+    assert not any(path.exists() for path in earlier)
+    assert not list(scratch.glob("fleetmap-sim-*"))
     assert len(pids) == 2
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)

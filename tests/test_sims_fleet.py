@@ -55,6 +55,8 @@ def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
     assert document["bytes_vector"] >= document["bytes_deltas"] > 0
     sent = sum(size for robot in document["per_robot"] for size in robot["sent"].values())
     assert sent == document["bytes_vector"]
+    for robot in document["per_robot"]:
+        assert sum(robot["sent"].values()) == robot["bytes_vector"]
 
     assert json.loads((result.out / "stats.json").read_text())["digest"] == document["digest"]
     assert load_fmap(result.out / "map.fmap").digest == document["digest"]

@@ -84,6 +84,7 @@ def test_a_map_becomes_a_world_in_its_own_frame_with_unknown_cells_solid(tmp_pat
     states = np.full((40, 60), 0, np.uint8)
     states[10:20, 10] = 1
     states[30:] = 2
+    states[0], states[:, [0, -1]] = 2, 2  # closed: nothing is free at the edge
     origin = Pose2(-3.0, 2.0, 0.5)
     save_map(OccupancyGrid.from_states(states, 0.1, origin), tmp_path / "map.yaml")
     world = make_world(str(tmp_path / "map.yaml"))
@@ -110,3 +111,16 @@ def test_a_world_without_room_for_the_fleet_is_refused() -> None:
     solid[5:25, 5:25] = False
     with pytest.raises(ConfigError, match="room for"):
         choose_starts(World(solid), 9, radius_m=RADIUS_M, rng=np.random.default_rng(0))
+
+
+def test_a_map_that_is_free_up_to_its_edge_gets_a_wall_and_keeps_its_place(tmp_path) -> None:
+    import fleetmap
+    from fleetmap.model.map_server import save_map
+
+    origin = fleetmap.Pose2(1.0, 2.0, 0.5)
+    save_map(fleetmap.OccupancyGrid(np.zeros((4, 6), np.int8), 0.1, origin), tmp_path / "map.yaml")
+    world = make_world(str(tmp_path / "map.yaml"))
+    assert world.solid.shape == (6, 8)
+    assert not world.solid[1:-1, 1:-1].any()
+    assert world.solid.sum() == 6 * 8 - 4 * 6
+    assert world.to_cells(origin) == pytest.approx((1.0, 1.0, 0.0))

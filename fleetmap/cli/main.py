@@ -6,6 +6,7 @@ document, also for errors.
 
 from __future__ import annotations
 
+import signal
 import sys
 import warnings
 from typing import Annotated
@@ -49,6 +50,8 @@ def top(
 
 def main() -> None:
     """Run the command line and exit with its code."""
+    # What service managers, containers and `timeout` send: end as cleanly as on Ctrl-C.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     sys.exit(run(sys.argv[1:]))
 
 

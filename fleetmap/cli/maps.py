@@ -4,10 +4,32 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fleetmap.model.errors import MapFormatError
+from fleetmap.model.errors import ConfigError, MapFormatError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.map_server import load_map
 from fleetmap.model.mergedmap import MergedMap
+
+
+def check_output(path: Path, *suffixes: str) -> None:
+    """Refuse a place for a result before any work is done for it.
+
+    A name without its suffix could not be read again, and ``vectorize map.yaml -o map.yaml`` would destroy the map.
+    """
+    if path.suffix not in suffixes:
+        raise ConfigError(option="out", value=str(path), reason=f"expected a name that ends in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise ConfigError(option="out", value=str(path), reason="is a folder; expected the name of a file")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path}: there is no folder {path.parent}; make it first")
+
+
+def read_map_server(path: Path) -> OccupancyGrid:
+    """The map_server map in ``path``; says so if it is something else that fleetmap writes."""
+    if path.suffix == ".fmap":
+        raise MapFormatError(path=path, field="name", reason="is a vector map; expected a map_server .yaml")
+    if path.is_dir():
+        raise MapFormatError(path=path, field="name", reason="is a folder; expected a map_server .yaml")
+    return load_map(path)
 
 
 def read_grid(path: Path) -> OccupancyGrid:

@@ -20,12 +20,13 @@ def rasterize(
 
     Example:  fleetmap rasterize map.fmap -o grid.yaml
     """
-    from fleetmap.cli.maps import read_grid
+    from fleetmap.cli.maps import check_output, read_grid
     from fleetmap.model.errors import MapFormatError
     from fleetmap.model.map_server import save_map
 
     if fmap.suffix != ".fmap":
         raise MapFormatError(path=fmap, field="name", reason="expected an .fmap file")
+    check_output(out, ".yaml", ".yml")
     grid = read_grid(fmap)
     save_map(grid, out, image="png" if png else "pgm")
     if as_json:

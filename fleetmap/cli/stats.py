@@ -48,13 +48,13 @@ def stats(
 
 
 def _map_stats(path: Path) -> dict[str, Any]:
+    from fleetmap.cli.maps import read_map_server
     from fleetmap.codecs.baselines import gzip_grid, png_grid
     from fleetmap.codecs.protocol import encode_snapshot
-    from fleetmap.model.map_server import load_map
     from fleetmap.model.metrics import compare
     from fleetmap.vectorize import rasterize, vectorize
 
-    grid = load_map(path)
+    grid = read_map_server(path)
     codecs = {
         "raw": int(grid.cells_yx.size),
         "gzip6": gzip_grid(grid, level=6),

@@ -28,12 +28,13 @@ def vectorize(
 
     Example:  fleetmap vectorize map.yaml -o map.fmap
     """
+    from fleetmap.cli.maps import check_output, read_map_server
     from fleetmap.codecs.fmap import save_fmap
-    from fleetmap.model.map_server import load_map
     from fleetmap.vectorize import vectorize as vectorize_grid
     from fleetmap.vectorize import verify
 
-    cells = load_map(grid)
+    check_output(out, ".fmap")
+    cells = read_map_server(grid)
     vectorize_grid(cells, epsilon_cells=epsilon, specks=specks)  # the first call loads the kernels
     started = time.perf_counter()
     vector_map = vectorize_grid(cells, epsilon_cells=epsilon, specks=specks)

@@ -57,6 +57,7 @@ class Catchup:
         """Whatever ``peer`` announced is out of date: it is gone, or says anew what it holds."""
         for holders in self._holders.values():
             holders.pop(peer, None)
+        self._holders = {key: holders for key, holders in self._holders.items() if holders}
 
     def stream_gone(self, key: Key) -> None:
         """The stream is not wanted any more."""

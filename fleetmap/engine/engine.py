@@ -288,7 +288,11 @@ class Engine:
         key = (robot, message.revision.epoch)
         if message.revision.seq == 0 or not self.holdings.keeps(key):
             raise WireError(robot=robot, size_bytes=len(raw), reason="stream not kept")
-        replica = self.holdings.replicas.setdefault(key, Replica(Stream(*key)))
+        if key not in self.holdings.replicas:
+            self.holdings.replicas[key] = Replica(Stream(*key))
+            # Now, and not when a record fits: one that never does would keep the place.
+            self._dropped(self.holdings.drop_oldest(robot))
+        replica = self.holdings.replicas[key]
         before = replica.stream
         outcome = replica.offer(message, raw) if isinstance(message, Record) else replica.offer_chunk(message)
         if outcome is Outcome.APPLIED:
@@ -297,7 +301,6 @@ class Engine:
                 self._outputs.append(Detour(robot))
             if before.header != replica.stream.header:
                 self._drop_revoked()
-            self._dropped(self.holdings.drop_oldest(robot))
             if not self._behind(key):
                 self._catchup.settled(key)
         elif outcome is not Outcome.DUPLICATE and isinstance(message, Record):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fleetmap.codecs.messages import Revision
 from fleetmap.engine.engine import Engine
 from fleetmap.merge.protocol import Source
+from fleetmap.model.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +33,9 @@ def view(engine: Engine) -> View:
     for stream in streams:
         for name, submap in sorted(stream.submaps.items()):
             start = stream.header.start
-            T_fleet_frame = submap.anchor if start is None else start @ submap.anchor
+            try:
+                T_fleet_frame = submap.anchor if start is None else start @ submap.anchor
+            except ConfigError:
+                continue  # each in its bounds, and both together beyond them: nobody can place it
             sources.append(Source((stream.robot, stream.epoch, name), T_fleet_frame, submap.vector_map))
     return View(tuple(sources), tuple((s.robot, s.revision) for s in streams))

@@ -37,6 +37,44 @@ def band_index(y0: Ints, y1: Ints, low: int, shift: int, n_bands: int) -> tuple[
     return start, items
 
 
+@njit("int64[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64, int64)", cache=True, nogil=True)
+def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources: int, most: int) -> Ints:
+    """In how many crossings each source has a part; stops soon after ``most`` of them.
+
+    A crossing counts for the owners of both edges, and once for each band that both edges are in: the count
+    bounds the work of ``crossings``, too.
+    """
+    counts = np.zeros(n_sources, np.int64)
+    n = 0
+    for b in range(len(start) - 1):
+        for k in range(start[b], start[b + 1]):
+            i = items[k]
+            ay, ax, by, bx = ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3]
+            x_low, x_high = min(ax, bx), max(ax, bx)
+            dy, dx = by - ay, bx - ax
+            for m in range(k + 1, start[b + 1]):
+                j = items[m]
+                cy, cx, ey, ex = ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3]
+                if min(cx, ex) > x_high:
+                    break
+                if cy > by or ey < ay or max(cx, ex) < x_low:
+                    continue
+                side_c = dx * (cy - ay) - dy * (cx - ax)
+                side_e = dx * (ey - ay) - dy * (ex - ax)
+                if not ((side_c < 0 and side_e > 0) or (side_c > 0 and side_e < 0)):
+                    continue
+                fy, fx = ey - cy, ex - cx
+                side_a = fx * (ay - cy) - fy * (ax - cx)
+                side_b = fx * (by - cy) - fy * (bx - cx)
+                if (side_a < 0 and side_b > 0) or (side_a > 0 and side_b < 0):
+                    counts[owner[i]] += 1
+                    counts[owner[j]] += 1
+                    n += 1
+            if n > most:  # in each turn: one band may hold all of them
+                return counts
+    return counts
+
+
 @njit("int64[:, ::1](int64[:, ::1], int64[::1], int64[::1])", cache=True, nogil=True)
 def crossings(ends: Ints, start: Ints, items: Ints) -> Ints:
     """Points (y, x), rounded half up, at which the insides of two edges (y0, x0, y1, x1), y0 <= y1, cross.

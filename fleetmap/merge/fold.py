@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fleetmap.merge.arrange import arrange
+from fleetmap.merge.arrange import affordable, arrange
 from fleetmap.merge.faces import side_states
 from fleetmap.merge.place import Placed, place
 from fleetmap.merge.protocol import Source
@@ -44,7 +44,7 @@ def fold(sources: Iterable[Source]) -> MergedMap:
     MergedMap : its ``tolerance`` bounds what laws 3 to 5 allow: how far a wall may have moved
     """
     # 1. Onto the fleet lattice, free space to the left; sorted by content, each content once.
-    placed = canonical(sources)
+    placed = affordable(canonical(sources))
     if sum(len(p.ends) for p in placed) == 0:
         return MergedMap(np.zeros((0, 8), np.int32))
     cells = [p.cell for p in placed]

@@ -45,12 +45,18 @@ class Folder:
         async with self._turn:
             self._dirty.clear()
             events, self._events = self._events, []
-            view = await self._look()
-            if view.revisions != self.revisions:
-                from fleetmap.merge import fold
+            try:
+                view = await self._look()
+                if view.revisions != self.revisions:
+                    from fleetmap.merge import fold
 
-                self.merged = await asyncio.to_thread(fold, view.sources)
-                self.revisions = view.revisions
+                    self.merged = await asyncio.to_thread(fold, view.sources)
+                    self.revisions = view.revisions
+            except BaseException:
+                # Who waited gave up: the readers still want to know.
+                self._events = events + self._events
+                self._dirty.set()
+                raise
             for reader in self.readers:
                 reader.add(events, view.revisions)
             return self.merged

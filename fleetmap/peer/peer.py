@@ -91,6 +91,7 @@ class Peer:
         self._tasks: list[asyncio.Task[None]] = []
         self._failure: FleetmapError | None = None
         self._state = "new"
+        self._closing: asyncio.Task[None] | None = None
 
     # Life
 
@@ -128,11 +129,14 @@ class Peer:
         return self
 
     async def close(self) -> None:
-        """Leave the fleet; the map stays with the others. May be called twice."""
-        if self._state in ("new", "closed"):
-            self._state = "closed"
-            return
+        """Leave the fleet; the map stays with the others. May be called twice; goes on if the caller gives up."""
+        if self._state == "open":
+            self._closing = asyncio.ensure_future(self._leave())
         self._state = "closed"
+        if self._closing is not None and not self._closing.done():
+            await asyncio.shield(self._closing)
+
+    async def _leave(self) -> None:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -332,18 +336,23 @@ class Peer:
             raise LinkError(endpoint=self.fleet, reason=f"the peer is {self._state}")
 
     async def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Run an engine call in the engine's thread, then do what came out of it."""
+        """Run an engine call in the engine's thread, then do what came out of it, even if the caller gives up."""
 
         def run() -> tuple[R, list[Event]]:
             result = call(*args, **kwargs)
             return result, self._carry_out()
 
-        result, events = await asyncio.get_running_loop().run_in_executor(self._executor, run)
-        await self._handle(events)
-        return result
+        async def finish() -> R:
+            result, events = await self._read(run)
+            await self._handle(events)
+            return result
+
+        return await asyncio.shield(asyncio.ensure_future(finish()))
 
     async def _read(self, call: Callable[[], R]) -> R:
         """Ask the engine something, in its thread: nothing changes meanwhile."""
+        if self._state != "open":
+            raise LinkError(endpoint=self.fleet, reason=f"the peer is {self._state}")
         return await asyncio.get_running_loop().run_in_executor(self._executor, call)
 
     async def _look(self) -> View:

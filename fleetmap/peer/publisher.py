@@ -35,6 +35,17 @@ class GridPublisher:
         clock: Callable[[], float],
     ) -> bool:
         """Vectorize, ``send``, then count the baselines: the fleet doesn't wait for them."""
+        # Shielded: a thread can't be cancelled, and the next turn must not begin beside it.
+        return await asyncio.shield(asyncio.ensure_future(self._take_turn(submap, source, send, clock=clock)))
+
+    async def _take_turn(
+        self,
+        submap: str,
+        source: OccupancyGrid | VectorMap,
+        send: Callable[[str, VectorMap], Awaitable[bool]],
+        *,
+        clock: Callable[[], float],
+    ) -> bool:
         async with self._turn:
             if isinstance(source, VectorMap):
                 return await send(submap, source)

@@ -149,6 +149,8 @@ class ZenohLink:
             self._open(receiver)
             if self._shown is not None:
                 self._declare_alive(*self._shown)
+        except LinkError:
+            return
         except zenoh.ZError as error:
             # The port may still be taken; the supervisor comes again.
             log.warning("%s: connecting anew failed: %s", self._robot, error)
@@ -159,6 +161,11 @@ class ZenohLink:
         for key, value in self._settings.items():
             config.insert_json5(key, as_json5(value))
         session = self._session = zenoh.open(config)
+        if self._closed.is_set():
+            # Whoever waited for this gave up meanwhile, and ``close`` found no session yet.
+            self._session = None
+            session.close()  # type: ignore[no-untyped-call]
+            raise LinkError(endpoint=self._endpoint, reason="closed while it was opened")
         own = f"{self._fleet}/{self._robot}"
         remote = zenoh.Locality.REMOTE
 
@@ -232,7 +239,8 @@ class ZenohLink:
 def parse_token(key: str) -> Token | None:
     """The peer behind a liveliness key; None if it is none of ours."""
     parts = key.split("/")
-    if len(parts) != 6 or parts[3] != "alive" or not parts[4].isdigit() or len(parts[4]) > 10:
+    # isdigit() alone takes superscripts, too, and int() doesn't.
+    if len(parts) != 6 or parts[3] != "alive" or not (parts[4].isascii() and parts[4].isdigit()) or len(parts[4]) > 10:
         return None
     return Token(parts[2], int(parts[4]), parts[5])
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fleetmap.model.errors import LinkError
+from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.kernel_cache import load_kernels
 from fleetmap.peer.rendezvous import rendezvous
 from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
@@ -48,20 +48,31 @@ def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHI
 
     Raises
     ------
-    ConfigError, MapFormatError : the world can't be had
+    ConfigError, MapFormatError : the world can't be had, or would be overwritten
     LinkError : the fleet has no place to meet, or no robot process came up
     KeyboardInterrupt : after all processes have ended
     """
     return asyncio.run(_run(config, on_progress))
 
 
+def _keep_world(config: SimConfig) -> None:
+    """Refuse a run folder in which ``map.yaml`` and its image would replace the world's map."""
+    world = Path(config.world)
+    if world.is_file() and world.resolve().parent == config.out.resolve():
+        raise ConfigError(option="out", value=str(config.out), reason="holds the world's map; expected another folder")
+
+
 async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> SimResult:
     began_s = time.monotonic()
+    _keep_world(config)
     world = make_world(config.world, size_m=config.size_m, seed=config.seed)
     rng = np.random.default_rng([config.seed, 1])
     starts = choose_starts(world, config.robots, radius_m=config.radius_m, rng=rng)
     run = Run(config, world, starts, world.reachable(starts, radius_m=config.radius_m))
     (config.out / "logs").mkdir(parents=True, exist_ok=True)
+    # If this run is interrupted, figures and logs of an earlier one must not pass for its own.
+    for left in (config.out / "stats.json", config.out / "report.html", *(config.out / "logs").glob("r*.log")):
+        left.unlink(missing_ok=True)
     # Compiled once here, and loaded from the cache by the robots.
     await asyncio.to_thread(lambda: list(load_kernels()))
 

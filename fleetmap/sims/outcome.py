@@ -49,11 +49,8 @@ def as_merged(loaded: object) -> MergedMap:
 def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, object]:
     """All numbers of a run; the worst living peer counts where they differ."""
     config = run.config
-    totals = {key: sum(int(getattr(p, key)) for p in run.latest.values()) for key in BYTES}
-    for robot, stats in run.stats.items():
-        # What was sent after the last round counts, too.
-        for key in BYTES:
-            totals[key] += int(str(stats.get(key, 0))) - int(getattr(run.latest[robot], key))
+    sizes = [sent(run, robot) for robot in run.latest]
+    totals = {key: sum(size[key] for size in sizes) for key in BYTES}
     errors = [map_error(m, run.world, run.reachable, range_m=config.range_m) for m in maps]
     worst = max(errors, key=lambda e: -1.0 if math.isnan(e.p95) else e.p95, default=None)
     error = {} if worst is None else {k: None if math.isnan(v) else round(v, 4) for k, v in asdict(worst).items()}
@@ -84,15 +81,22 @@ def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, o
     }
 
 
+def sent(run: Run, robot: str) -> dict[str, int]:
+    """One robot's bytes; what it sent after the last round counts, too, unless it died before."""
+    stats, progress = run.stats.get(robot, {}), run.latest[robot]
+    return {key: int(str(stats.get(key, getattr(progress, key)))) for key in BYTES}
+
+
 def robot_figures(run: Run, robot: str) -> dict[str, object]:
     """One robot's row: its last progress, what it sent by kind, and what its peer counted."""
     progress = run.latest[robot]
     stats = run.stats.get(robot, {})
-    sent = stats.get("sent", {})
+    kinds = stats.get("sent", {})
     shown = {key: value for key, value in asdict(progress).items() if key != "trail_xy"}
     return {
         **shown,
-        "sent": {kind: count[1] for kind, count in sent.items()} if isinstance(sent, dict) else {},
+        **sent(run, robot),
+        "sent": {kind: count[1] for kind, count in kinds.items()} if isinstance(kinds, dict) else {},
         "received": stats.get("received", {}),
         "dropped": stats.get("dropped", {}),
         "digest": run.sync.get(robot, {}).get("digest"),
@@ -183,7 +187,8 @@ def robot_table(run: Run) -> tuple[tuple[str, ...], ...]:
     head = ("robot", "state", "driven m", "published", "sent kB", "of it deltas kB", "contacts")
     rows = []
     for p in run.latest.values():
-        sizes = (f"{p.bytes_vector / 1e3:.1f}", f"{p.bytes_deltas / 1e3:.1f}")
+        size = sent(run, p.robot)
+        sizes = (f"{size['bytes_vector'] / 1e3:.1f}", f"{size['bytes_deltas'] / 1e3:.1f}")
         state = "dead" if p.state == "dead" else "done"
         rows.append((p.robot, state, f"{p.distance_m:.1f}", str(p.published), *sizes, str(p.collisions)))
     return (head, *rows)

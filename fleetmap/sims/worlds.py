@@ -111,7 +111,12 @@ def make_world(name: str, *, size_m: float = 40.0, seed: int = 0) -> World:
     from fleetmap.model.map_server import load_map
 
     grid = load_map(Path(name))
-    return World(grid.states_yx() != FREE, grid.resolution_m, grid.origin, name)
+    solid, origin = grid.states_yx() != FREE, grid.origin
+    if not (solid[[0, -1]].all() and solid[:, [0, -1]].all()):
+        # Free up to the image's edge: a lidar must see the wall that robots would run into there.
+        solid = np.pad(solid, 1, constant_values=True)
+        origin = origin @ Pose2(-grid.resolution_m, -grid.resolution_m, 0.0)
+    return World(solid, grid.resolution_m, origin, name)
 
 
 def choose_starts(world: World, count: int, *, radius_m: float, rng: np.random.Generator) -> list[Pose2]:
