@@ -188,7 +188,10 @@ def join(
     config: Mapping[str, object] | None = None,
     link: Link | None = None,
 ) -> SyncPeer:
-    """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``; see ``fleetmap.join``."""
+    """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``.
+
+    The options are those of ``fleetmap.join``, without the ones for tuning.
+    """
     return SyncPeer(
         join_async(
             robot,

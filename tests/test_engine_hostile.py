@@ -3,8 +3,9 @@
 import numpy as np
 
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import Change, Record, Revision, RevisionList
+from fleetmap.codecs.messages import Change, Header, Record, Revision, RevisionList
 from fleetmap.engine import Ask, Engine, Put
+from fleetmap.engine.stream import Stream, advance
 from fleetmap.engine.view import view
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import MAX_UM, FixedPose
@@ -50,3 +51,17 @@ def test_streams_that_a_peer_lists_no_more_are_forgotten() -> None:
         me.ask_list("bad", now_s=10.0 * turn - 1.0)
         me.tick(10.0 * turn)
     assert len(me._catchup.announced_keys()) <= 100
+
+
+def test_no_claim_about_its_epochs_silences_a_robot() -> None:
+    me, victim = Engine("me"), Engine("v")
+    header = Header(forgets=(("v", 2**32 - 1), ("me", 2**32 - 1)))
+    change = Change(header, ())
+    stream = advance(Stream("bad", 1), change, Revision(1, 1, Stream("bad", 1, 1, header).digest))
+    record = envelope.encode(Record(stream.revision, change))
+    for engine in (me, victim):
+        engine.on_message("bad", "delta", record, now_s=0.0)
+        assert ("bad", 1) in engine.holdings.replicas
+    victim.publish("0", VectorMap(Lattice(50_000), SQUARE, np.zeros(4, np.uint8)))
+    tell(me, "v", victim)
+    assert me.holdings.replicas["v", victim.own.epoch].stream.edges == len(SQUARE)

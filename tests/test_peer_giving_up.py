@@ -8,6 +8,7 @@ import threading
 
 import numpy as np
 import pytest
+import zenoh
 
 import fleetmap
 import fleetmap.sync
@@ -173,3 +174,19 @@ async def test_a_close_that_is_cancelled_closes_the_link(monkeypatch: pytest.Mon
     gate.set()
     await peer.close()
     assert link.token is None
+
+
+async def test_connecting_anew_is_tried_until_it_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    link = ZenohLink("a", fleet="f", profile="local")
+    tries = []
+
+    def open_session(receiver: object) -> list[object]:
+        tries.append(receiver)
+        if len(tries) < 3:
+            raise zenoh.ZError("the port is taken")
+        return []
+
+    monkeypatch.setattr(link, "_open", open_session)
+    monkeypatch.setattr(link, "_receiver", object())
+    await asyncio.wait_for(link.reopen(), 20)
+    assert len(tries) == 3

@@ -19,6 +19,8 @@ MAX_CHUNKS = 64
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""
 MAX_COUNTER = (1 << 32) - 1
+CLAIMED_EPOCHS = 1 << 31
+"""Claims of others about a robot's epochs count below this: so it always has a higher one to go on with."""
 MAX_MM = MAX_UM // 1000
 PROFILES = ("share", "full", "exact")
 MAX_EPSILON_CELLS = 1000.0

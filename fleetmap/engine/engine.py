@@ -14,6 +14,7 @@ from dataclasses import replace
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
 from fleetmap.codecs.messages import (
+    CLAIMED_EPOCHS,
     MAX_EPSILON_CELLS,
     MAX_MM,
     NAME,
@@ -315,7 +316,8 @@ class Engine:
         self._catchup.forget_announced(peer)
         for robot, revision in message.revisions:
             if robot == self.robot and not self._is_older_life(revision):
-                self._restart(revision.epoch + 1)
+                if revision.epoch < CLAIMED_EPOCHS:
+                    self._restart(revision.epoch + 1)
             elif (robot, revision.epoch) != (self.robot, self.own.epoch):
                 self._announced((robot, revision.epoch), revision.seq, peer, now_s, digest=revision.digest)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from fleetmap.codecs.messages import CLAIMED_EPOCHS
 from fleetmap.engine.author import Author
 from fleetmap.engine.catchup import Key
 from fleetmap.engine.replica import Replica
@@ -62,7 +63,8 @@ class Holdings:
         revoked: dict[str, int] = {}
         for stream in self.streams():
             for robot, epoch in stream.header.forgets:
-                revoked[robot] = max(epoch, revoked.get(robot, -1))
+                if epoch < CLAIMED_EPOCHS:
+                    revoked[robot] = max(epoch, revoked.get(robot, -1))
         return revoked
 
     def drop_revoked(self) -> list[Stream]:

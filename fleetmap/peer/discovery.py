@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 
 from fleetmap.codecs.envelope import decode
-from fleetmap.codecs.messages import RevisionList
+from fleetmap.codecs.messages import CLAIMED_EPOCHS, RevisionList
 from fleetmap.model.errors import WireError
 from fleetmap.peer.link import Link
 
@@ -43,5 +43,6 @@ async def find_epoch(link: Link, robot: str, *, timeout_s: float) -> int:
         except WireError:
             continue
         if isinstance(message, RevisionList):
-            epochs += [revision.epoch for name, revision in message.revisions if name == robot]
+            claimed = [revision.epoch for name, revision in message.revisions if name == robot]
+            epochs += [epoch for epoch in claimed if epoch < CLAIMED_EPOCHS]
     return 1 + max(epochs)

@@ -29,6 +29,7 @@ HEARTBEAT_S = 0.5
 """How soon Zenoh tells subscribers of the last sample's number, while there are new ones."""
 ASK_TIMEOUT_S = 3.0
 DISCOVERY_TIMEOUT_S = 1.0
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 PLAIN_SUFFIXES = ("digest", "pose", "goal")
 
 
@@ -133,27 +134,33 @@ class ZenohLink:
     async def close(self) -> None:
         """Close the session."""
         self._closed.set()
-        session, self._session = self._session, None
-        if session is not None:
-            self._token = None
-            await asyncio.to_thread(session.close)
+        await asyncio.to_thread(self._drop_session)
 
-    def _reopen(self, receiver: Receiver) -> None:
+    def _drop_session(self) -> None:
         session, self._session, self._delta, self._token = self._session, None, None, None
         if session is not None:
             session.close()  # type: ignore[no-untyped-call]
+
+    def _reopen(self, receiver: Receiver) -> None:
+        self._drop_session()
         for token in list(self._seen):
             receiver.gone(token)
         self._seen.clear()
-        try:
-            self._open(receiver)
-            if self._shown is not None:
-                self._declare_alive(*self._shown)
-        except LinkError:
-            return
-        except zenoh.ZError as error:
-            # The port may still be taken; the supervisor comes again.
-            log.warning("%s: connecting anew failed: %s", self._robot, error)
+        pause_s = FIRST_RETRY_S
+        while not self._closed.is_set():
+            try:
+                self._open(receiver)
+                if self._shown is not None:
+                    self._declare_alive(*self._shown)
+                return
+            except LinkError:  # closed meanwhile
+                return
+            except zenoh.ZError as error:
+                # The port may still be taken. Without a session nothing would come in that could lead here again.
+                log.warning("%s: connecting anew failed, again in %.1f s: %s", self._robot, pause_s, error)
+                self._drop_session()
+            self._closed.wait(pause_s)
+            pause_s = min(2 * pause_s, LONGEST_RETRY_S)
 
     def _open(self, receiver: Receiver) -> list[Token]:
         self._receiver = receiver
