@@ -37,6 +37,25 @@ def band_index(y0: Ints, y1: Ints, low: int, shift: int, n_bands: int) -> tuple[
     return start, items
 
 
+@njit("UniTuple(int64, 2)(int64, int64, int64, int64, int64, int64, int64, int64)", cache=True, nogil=True)
+def sides_if_crossing(ay: int, ax: int, by: int, bx: int, cy: int, cx: int, ey: int, ex: int) -> tuple[int, int]:
+    """On which sides of edge c to e the points a and b lie (cross products), if the insides of both edges cross.
+
+    Else (0, 0): of two edges that cross properly, no end lies on the other one's line.
+    """
+    dy, dx = by - ay, bx - ax
+    side_c = dx * (cy - ay) - dy * (cx - ax)
+    side_e = dx * (ey - ay) - dy * (ex - ax)
+    if not ((side_c < 0 and side_e > 0) or (side_c > 0 and side_e < 0)):
+        return 0, 0
+    fy, fx = ey - cy, ex - cx
+    side_a = fx * (ay - cy) - fy * (ax - cx)
+    side_b = fx * (by - cy) - fy * (bx - cx)
+    if not ((side_a < 0 and side_b > 0) or (side_a > 0 and side_b < 0)):
+        return 0, 0
+    return side_a, side_b
+
+
 @njit("int64[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64, int64)", cache=True, nogil=True)
 def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources: int, most: int) -> Ints:
     """In how many crossings each source has a part; stops soon after ``most`` of them.
@@ -51,7 +70,6 @@ def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources
             i = items[k]
             ay, ax, by, bx = ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3]
             x_low, x_high = min(ax, bx), max(ax, bx)
-            dy, dx = by - ay, bx - ax
             for m in range(k + 1, start[b + 1]):
                 j = items[m]
                 cy, cx, ey, ex = ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3]
@@ -59,14 +77,7 @@ def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources
                     break
                 if cy > by or ey < ay or max(cx, ex) < x_low:
                     continue
-                side_c = dx * (cy - ay) - dy * (cx - ax)
-                side_e = dx * (ey - ay) - dy * (ex - ax)
-                if not ((side_c < 0 and side_e > 0) or (side_c > 0 and side_e < 0)):
-                    continue
-                fy, fx = ey - cy, ex - cx
-                side_a = fx * (ay - cy) - fy * (ax - cx)
-                side_b = fx * (by - cy) - fy * (bx - cx)
-                if (side_a < 0 and side_b > 0) or (side_a > 0 and side_b < 0):
+                if sides_if_crossing(ay, ax, by, bx, cy, cx, ey, ex)[0] != 0:
                     counts[owner[i]] += 1
                     counts[owner[j]] += 1
                     n += 1
@@ -97,14 +108,8 @@ def crossings(ends: Ints, start: Ints, items: Ints) -> Ints:
                     break
                 if cy > by or ey < ay or max(cx, ex) < x_low:
                     continue
-                side_c = dx * (cy - ay) - dy * (cx - ax)
-                side_e = dx * (ey - ay) - dy * (ex - ax)
-                if not ((side_c < 0 and side_e > 0) or (side_c > 0 and side_e < 0)):
-                    continue
-                fy, fx = ey - cy, ex - cx
-                side_a = fx * (ay - cy) - fy * (ax - cx)
-                side_b = fx * (by - cy) - fy * (bx - cx)
-                if not ((side_a < 0 and side_b > 0) or (side_a > 0 and side_b < 0)):
+                side_a, side_b = sides_if_crossing(ay, ax, by, bx, cy, cx, ey, ex)
+                if side_a == 0:
                     continue
                 # The crossing is a + d * num / den; den != 0, since the sides of a and b differ.
                 num, den = side_a, side_a - side_b
