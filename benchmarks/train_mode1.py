@@ -16,7 +16,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fleetmap.codecs.fields import to_fields
-from fleetmap.codecs.mode1 import CONTEXTS, code_fields
+from fleetmap.codecs.mode1 import count_decisions
+from fleetmap.codecs.mode1_layout import CONTEXTS
 from fleetmap.model.delta import diff
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.sims.agent import Agent
@@ -30,22 +31,6 @@ WORLDS = [(kind, seed) for seed in (2, 3, 4) for kind in ("office", "unstructure
 PUBLISHES = 70
 LONGEST_S = 2000.0
 LINE = 100
-
-
-class Counter:
-    """A coder that counts the decisions of each context and writes nothing."""
-
-    def __init__(self) -> None:
-        self.counts = np.zeros((CONTEXTS, 2), np.int64)
-
-    def bit(self, context: int, value: int) -> int:
-        """Count one decision."""
-        self.counts[context, value] += 1
-        return value
-
-    def even(self, value: int) -> int:
-        """Nothing to learn here."""
-        return value
 
 
 def publishes(kind: str, seed: int, *, size_m: float) -> Iterator[VectorMap]:
@@ -69,14 +54,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiny", action="store_true", help="one world of 8 m: runs in seconds, trains nothing useful")
     tiny = parser.parse_args().tiny
-    counter = Counter()
+    counts = np.zeros((CONTEXTS, 2), np.int64)
     for kind, seed in WORLDS[:1] if tiny else WORLDS:
         base: VectorMap | None = None
         for vector_map in publishes(kind, seed, size_m=8.0 if tiny else 40.0):
             base = base or VectorMap.empty(vector_map.lattice)
-            code_fields(counter, to_fields(diff(base, vector_map), base), base)
+            count_decisions(to_fields(diff(base, vector_map), base), base, counts)
             base = vector_map
-    zeros, ones = counter.counts.T
+    zeros, ones = counts.T
     share = (zeros + 0.6) / (zeros + ones + 1.2)
     table = bytes(np.clip(np.rint(256 * share - 0.5), 2, 253).astype(np.uint8))
     text = base64.b85encode(table).decode()

@@ -73,85 +73,128 @@ class RangeCoder:
             value = 2 * value + self.decide(None)
         return value
 
-    def s(self, c: int, d: int | None) -> int:
+    def s(self, c: int, d: int | None = None) -> int:
         value = self.n(c)
         return -value if value and self.decide(d) else value
+
+    def t(self, c: int) -> int:
+        k = 1
+        for _ in range(4):
+            k = 2 * k + self.decide(c + k)
+        return k - 16 if k < 31 else 15 + self.n(1224)
 
 
 def sgn(value: int) -> int:
     return (value > 0) - (value < 0)
 
 
+def size(*values: int) -> int:
+    """L of the page."""
+    return max(map(abs, values)).bit_length()
+
+
+def walked(edge: Edge) -> tuple[int, tuple[int, int], tuple[int, int]]:
+    """Class, first and last vertex of an edge as it is walked."""
+    sides = divmod(edge[4], 3)
+    for kind, both in CLASSES.items():
+        if sides == both:
+            return kind, edge[:2], edge[2:4]
+        if sides == both[::-1]:
+            return kind, edge[2:4], edge[:2]
+    raise AssertionError(edge)
+
+
+def read_removed(coder: RangeCoder, base: Map) -> list[int]:
+    """Places of the removed edges."""
+    order = sorted(base)
+    bands = sorted({edge[0] // 64 for edge in order})
+    windows = []
+    band = column = 0
+    for _ in range(coder.n(0)):
+        band += coder.n(24)
+        high = band + coder.n(48)
+        column += coder.s(72)
+        windows.append((bands[band : high + 1], column, column + coder.n(96), 1 + coder.n(120)))
+    places: list[int] = []
+    touched: dict[tuple[int, int], int] = {}
+    for numbers, low, high, count in windows:
+        last = 0
+        for place, edge in enumerate(order):
+            if count == 0:
+                break
+            if edge[0] // 64 not in numbers or not low <= edge[1] // 64 <= high:
+                continue
+            a, b = touched.get(edge[:2], 0), touched.get(edge[2:4], 0)
+            last = coder.decide(1248 + 2 * (16 * walked(edge)[0] + 4 * a + b) + last)
+            for vertex in (edge[:2], edge[2:4]):
+                touched[vertex] = touched.get(vertex, 0) | (2 if last else 1)
+            count -= last
+            if last:
+                places.append(place)
+        assert count == 0
+    return sorted(places)
+
+
 def mode0_numbers(payload: bytes, base: Map) -> list[int]:
     """The numbers that mode 0 would write, from a payload of mode 1."""
     coder = RangeCoder(payload[1:])
-    counts = [coder.n(24 * i) for i in range(6)]
-    removed_n, known_n, absolute_n, chains_n, runs_n, rethickened_n = counts
-    removed: list[Edge] = []
-    gaps: list[int] = []
-    gap, touched, before = 0, dict[tuple[int, int], int](), False
-    for edge in sorted(base):
-        if len(removed) == removed_n:
-            break
-        first, second = edge[:2], edge[2:4]
-        a, b = touched.get(first, 0), touched.get(second, 0)
-        before = coder.decide(832 if a == b == 0 and before else 816 + 4 * a + b) == 1
-        for vertex in (first, second):
-            touched[vertex] = touched.get(vertex, 0) | (2 if before else 1)
-        gap += 1
-        if before:
-            removed.append(edge)
-            gaps.append(gap - 1)
-            gap = 0
+    places = read_removed(coder, base)
+    removed = [walked(sorted(base)[place]) for place in places]
     surplus: dict[tuple[int, int], int] = {}
-    for y0, x0, y1, x1, label in removed:
-        sign = 1 if divmod(label, 3) in CLASSES.values() else -1
-        surplus[y0, x0] = surplus.get((y0, x0), 0) + sign
-        surplus[y1, x1] = surplus.get((y1, x1), 0) - sign
+    for _, first, last in removed:
+        surplus[first] = surplus.get(first, 0) + 1
+        surplus[last] = surplus.get(last, 0) - 1
     known = sorted(surplus)
-    ranks: list[int] = []
-    for rank, point in enumerate(known):
-        if len(ranks) < known_n:
-            ranks += [rank] * coder.n(144 + 24 * (1 + sgn(surplus[point])))
+    ranks = [rank for rank, point in enumerate(known) for _ in range(coder.n(144 + 24 * (1 + sgn(surplus[point]))))]
+    absolute = [coder.s(240) for _ in range(2 * coder.n(216))]
     roots = [known[rank] for rank in ranks]
-    absolute = [coder.s(216, None) for _ in range(2 * absolute_n)]
-    y, x = removed[0][:2] if removed else (0, 0)
+    y, x = sorted(base)[places[0]][:2] if places else (0, 0)
     for dy, dx in zip(absolute[::2], absolute[1::2], strict=True):
         y, x = y + dy, x + dx
         roots.append((y, x))
-    q, chains = 3, []
-    for _ in range(chains_n):
-        continues = coder.decide(848 + q)
-        w = 852 + 2 * (q if continues else 3)
-        q = 1 + coder.decide(w + 1) if coder.decide(w) else 0
-        chains.append((continues, q, coder.n(240 + 24 * q) + 1))
     targets = [point for point in known for _ in range(-surplus[point])][:64]
+    heads: list[int] = []
     steps: list[int] = []
-    waiting = iter(roots)
-    u = v = 0
-    for i, (continues, _, edges) in enumerate(chains):
-        if not continues:
-            (y, x), u, v = next(waiting), 0, 0
-        walk_ends = i + 1 == chains_n or not chains[i + 1][0]
-        for left in range(edges, 0, -1):
-            if left == 1 and walk_ends and targets and coder.decide(878):
-                targets.sort(key=lambda t, y=y, x=x: (abs(t[0] - y) + abs(t[1] - x), t))
-                end = targets.pop(coder.n(792))
-                dy, dx = end[0] - y, end[1] - x
+    runs: list[int] = []
+    h = 4
+    for i, (y, x) in enumerate(roots):
+        q, dy, dx = 6, 0, 0
+        for kind, first, last in reversed(removed):
+            if first == (y, x) and i < len(ranks):
+                q, dy, dx = 3 + kind, last[0] - y, last[1] - x
+        starts, ends = True, 0
+        while not ends:
+            c = 1344 + 2 * (3 * q + min(size(dy, dx) // 2, 2))
+            kind = 1 + coder.decide(c + 1) if coder.decide(c) else 0
+            ways = sorted((abs(a - y) + abs(b - x), a, b) for a, b in targets)
+            near = min((max(abs(a - y), abs(b - x)) for _, a, b in ways), default=0)
+            if ways and coder.decide(1386 + 3 * min(size(near), 8) + kind):
+                _, *end = ways[coder.n(1128)]
+                targets.remove((end[0], end[1]))
+                dy, dx, ends = end[0] - y, end[1] - x, 1
             else:
-                dy = coder.s(312, 860 + 3 * (1 + u) + 1 + v)
-                u = sgn(dy)
-                dx = coder.s(336 + 24 * min(abs(dy).bit_length(), 6), 869 + 3 * (1 + v) + 1 + u)
-                v = sgn(dx)
-            y, x = y + dy, x + dx
+                u, v = sgn(dy), sgn(dx)
+                r = 5 * kind + (0 if q == 6 else 1 if q == kind else 2 if q == kind + 3 else 3 if q < 3 else 4)
+                dy = coder.s(264 + 24 * r, 1413 + 9 * r + 3 * (1 + u) + 1 + v)
+                sign = 1548 + 27 * r + 9 * (1 + u) + 3 * (1 + v) + 1 + sgn(dy)
+                dx = coder.s(624 + 24 * (7 * kind + min(size(dy), 6)), sign)
+                ends = coder.decide(1954 if targets else 1953)
+            if kind != 1 or payload[0] & 0x20:
+                c = 1955 + 16 * (12 * min(kind, 1) + 4 * min(size(dy, dx) // 2, 2) + min(h, 7) // 2)
+                h = coder.t(c)
+                runs += [h, 1]
+            heads.append(2 * kind + (0 if starts else 1))
             steps += [dy, dx]
-    runs, thickness = [], 4
-    for _ in range(runs_n):
-        thickness = coder.n(504 + 24 * min(thickness, 8))
-        runs += [thickness, coder.n(720) + 1]
-    rethickened = [coder.n(744 + 24 * (i % 2)) for i in range(2 * rethickened_n)]
-    heads = [continues + 2 * (q + 3 * (edges - 1)) for continues, q, edges in chains]
-    rank_gaps = [b - a for a, b in zip([0, *ranks], ranks, strict=False)]
+            y, x, q, starts = y + dy, x + dx, kind, False
+    rethickened: list[int] = []
+    place = places[0] if places else 0
+    for i in range(coder.n(1152)):
+        gap = coder.n(1200) if i else place + coder.s(1176)
+        place = gap if i == 0 else place + gap + 1
+        rethickened += [gap, coder.t(2339)]
+    gaps = [b - a - 1 for a, b in itertools.pairwise([-1, *places])]
+    rank_gaps = [b - a for a, b in itertools.pairwise([0, *ranks])]
+    counts = [len(places), len(ranks), len(absolute) // 2, len(heads), len(runs) // 2, len(rethickened) // 2]
     pairs = [[zigzag(v) for v in values] for values in (absolute, steps)]
     return counts + gaps + rank_gaps + pairs[0] + heads + pairs[1] + runs + rethickened
 
@@ -249,20 +292,22 @@ _ROWS = st.lists(
     ).filter(lambda r: r[:2] != r[2:4]),
     max_size=25,
 )
+_MAPS = st.builds(lambda rows, scale: a_map(rows, scale), _ROWS, st.sampled_from([1, 97, 2**18]))
+"""Within a band, over a dozen bands and columns, and to the bounds."""
 
 
-def a_map(rows: list[tuple[int, ...]]) -> VectorMap:
+def a_map(rows: list[tuple[int, ...]], scale: int = 1) -> VectorMap:
     table = np.array(rows, np.int32).reshape(-1, 6)
-    return VectorMap(LATTICE, table[:, :5], table[:, 5].astype(np.uint8))
+    return VectorMap(LATTICE, table[:, :5] * [scale, scale, scale, scale, 1], table[:, 5].astype(np.uint8))
 
 
-@settings(max_examples=50)
-@given(_ROWS.map(a_map), _ROWS.map(a_map), st.sampled_from([0, 1]))
+@settings(max_examples=100)
+@given(_MAPS, _MAPS, st.sampled_from([0, 1]))
 def test_the_page_and_the_library_read_the_same(old: VectorMap, new: VectorMap, mode: int) -> None:
     assert decode(protocol.encode(diff(old, new), old, mode=mode), plain(old)) == plain(new)
 
 
-@given(_ROWS.map(a_map))
+@given(_MAPS)
 def test_the_page_and_the_library_digest_the_same(vector_map: VectorMap) -> None:
     assert map_digest(plain(vector_map), 50_000, -7, 2**39, 0, -(2**30)) == vector_map.digest
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetmap.codecs import mode1, protocol
+from fleetmap.codecs.mode1_layout import CONTEXTS, REMOVED, ROOTS, WINDOWS
 from fleetmap.codecs.mode1_start import START
 from fleetmap.codecs.range_coder import Reader, Writer
 from fleetmap.model.delta import apply, diff
@@ -88,10 +89,10 @@ def test_short_bytes_have_one_form() -> None:
 
 
 def test_the_start_table_is_the_one_of_the_format() -> None:
-    assert len(START) == mode1.CONTEXTS
+    assert len(START) == CONTEXTS
     assert min(START) >= 2
     assert max(START) <= 253
-    assert hashlib.sha256(START).hexdigest() == "2e8d0005c7db4d58a3b2244c72f38a642cc92ca0e70fe5285cee31cca3bdcb32"
+    assert hashlib.sha256(START).hexdigest() == "658873c71824476c5f928d273a34c524d6052ae6667b17f890fb5c9e95d5b065"
 
 
 @settings(max_examples=300)
@@ -103,7 +104,7 @@ def test_random_bytes_are_refused_or_the_form_of_a_delta(data: bytes, rooms: int
     except WireError as error:
         assert error.robot == "r"
     else:
-        assert len(delta) <= mode1.NUMBERS_PER_BYTE * (1 + len(data))
+        assert len(delta) <= 3 * (mode1.EDGES + mode1.EDGES_PER_BYTE * (1 + len(data)))
 
 
 @settings(max_examples=300)
@@ -133,14 +134,31 @@ def test_unknown_flags_are_refused(flags: int) -> None:
         protocol.decode(bytes([flags]), EMPTY, robot="r")
 
 
-@pytest.mark.parametrize("size", [0, 1, 3])
-def test_a_payload_holds_no_more_numbers_than_its_size_allows(size: int) -> None:
-    """Counts that a few bytes can name, and that would take long to read."""
+def write_number(writer: Writer, context: int, value: int) -> None:
+    """n[c] of the format page, for numbers whose lower bits are all 0 but the last two."""
+    length = value.bit_length()
+    for i in range(length + 1):
+        writer.bit(context + min(i, 11), int(i < length))
+    if length > 1:
+        writer.bit(context + 12 + min(length - 2, 11), value >> (length - 2) & 1)
+        for i in range(length - 3, -1, -1):
+            writer.even(value >> i & 1)
+
+
+@pytest.mark.parametrize("count", [300, 4096, 2**20, 2**34 - 1])
+@pytest.mark.parametrize("context", [WINDOWS, ROOTS, REMOVED])
+def test_a_payload_holds_no_more_than_its_size_allows(count: int, context: int) -> None:
+    """Counts that a few bytes can name, and that would take long to read or much memory."""
+    base = squares(40)
     writer = Writer(START)
-    for i, count in enumerate([0, 0, 0, 4000 + size, 0, 0]):
-        mode1._number(writer, mode1.WIDTH * i, count)
-    with pytest.raises(WireError, match="may hold"):
-        protocol.decode(b"\x01" + writer.finish(), EMPTY, robot="r")
+    if context != WINDOWS:
+        write_number(writer, WINDOWS, int(context == REMOVED))
+    if context == REMOVED:
+        for before in range(WINDOWS + 24, REMOVED, 24):
+            write_number(writer, before, 0)
+    write_number(writer, context, count)
+    with pytest.raises(WireError, match=r"may hold|34 bits"):
+        protocol.decode(b"\x01" + writer.finish(), base, robot="r")
 
 
 def test_large_deltas_go_in_mode_0() -> None:
@@ -150,10 +168,46 @@ def test_large_deltas_go_in_mode_0() -> None:
     assert protocol.encode(diff(EMPTY, squares(600)), EMPTY)[0] & 0x0F == 0
 
 
-def test_large_bases_are_for_mode_0(monkeypatch: pytest.MonkeyPatch) -> None:
-    old, new = squares(3), squares(4)
+def test_bands_with_too_many_edges_are_for_mode_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    old = squares(4)
+    new = apply(old, diff(old, VectorMap(old.lattice, old.edges[1:], old.thickness[1:])))
     payload = protocol.encode(diff(old, new), old, mode=1)
-    monkeypatch.setattr(mode1, "MAX_BASE_EDGES", 11)
+    monkeypatch.setattr(mode1, "MAX_PASSED", 11)
     assert protocol.encode(diff(old, new), old)[0] & 0x0F == 0
-    with pytest.raises(WireError, match="a base of 12 edges"):
+    with pytest.raises(WireError, match="more than 11 edges"):
         protocol.decode(payload, old, robot="r")
+
+
+def tiled(shift: int) -> VectorMap:
+    """Squares in nine places that lie far from each other, all of them moved a little."""
+    rows = [
+        (y + shift, x, y + shift, x + 9, 1) if shift else (y, x, y, x + 9, 1)
+        for y in (-9000, 0, 9000)
+        for x in (-9000, 0, 9000)
+    ]
+    return VectorMap(EMPTY.lattice, np.array(rows, np.int32), np.full(len(rows), 4, np.uint8))
+
+
+def test_scattered_removals_come_back() -> None:
+    old, new = tiled(0), tiled(3)
+    payload = protocol.encode(diff(old, new), old, mode=1)
+    assert apply(old, protocol.decode(payload, old, robot="r")).digest == new.digest
+
+
+def test_what_lies_elsewhere_costs_no_bytes() -> None:
+    """The same change in a map with as many rooms again, far away in y, and then in x."""
+    near = squares(9)
+    change = np.arange(len(near)) % 5 > 0
+    sizes = []
+    for offset in ([0, 0, 0, 0, 0], [20_000, 0, 20_000, 0, 0], [0, 20_000, 0, 20_000, 0]):
+        rows = np.concatenate([near.edges, near.edges + offset])
+        keep = np.concatenate([change, np.ones(len(near), bool)])
+        old = VectorMap(near.lattice, rows, np.full(len(rows), 4, np.uint8))
+        new = VectorMap(near.lattice, rows[keep], np.full(int(keep.sum()), 4, np.uint8))
+        if any(offset):
+            sizes.append(len(protocol.encode(diff(old, new), old, mode=1)))
+        else:
+            kept = VectorMap(near.lattice, near.edges[change], near.thickness[change])
+            sizes.append(len(protocol.encode(diff(near, kept), near, mode=1)))
+    assert sizes[1] == sizes[0]
+    assert sizes[2] == sizes[0]

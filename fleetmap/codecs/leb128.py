@@ -8,19 +8,23 @@ from numpy.typing import NDArray
 MAX_BYTES = 5
 """Longest number, in bytes: 35 bits, far more than any count or coordinate takes."""
 
+REASONS = (
+    "",
+    "the last number is cut off",
+    f"a number is longer than {MAX_BYTES} bytes",
+    "a number is not in its shortest form",
+)
+"""In words what is wrong, by its number in ``number_kernels``."""
+
 
 def encode_leb128(values: NDArray[np.int64]) -> bytes:
     """(n,) numbers in [0, 2^35) -> seven bits a byte, least significant first, top bit set on all but the last."""
-    if len(values) == 0:
-        return b""
-    if values.min() < 0 or int(values.max()) >> (7 * MAX_BYTES):
+    from fleetmap.codecs.number_kernels import to_leb128
+
+    good, data = to_leb128(np.ascontiguousarray(values))
+    if not good:
         raise ValueError(f"expected numbers in [0, 2^{7 * MAX_BYTES})")
-    shifts = 7 * np.arange(MAX_BYTES)
-    groups = (values[:, None] >> shifts) & 0x7F
-    more = (values[:, None] >> (shifts + 7)) > 0
-    used = np.ones_like(more)
-    used[:, 1:] = more[:, :-1]
-    return (groups | (more << 7)).astype(np.uint8)[used].tobytes()
+    return data.tobytes()
 
 
 def decode_leb128(data: bytes) -> NDArray[np.int64]:
@@ -30,22 +34,12 @@ def decode_leb128(data: bytes) -> NDArray[np.int64]:
     ------
     ValueError : a number is cut off, longer than ``MAX_BYTES``, or not in its shortest form
     """
-    raw = np.frombuffer(data, np.uint8)
-    if len(raw) == 0:
-        return np.zeros(0, np.int64)
-    last = raw < 0x80
-    if not last[-1]:
-        raise ValueError("the last number is cut off")
-    stops = np.flatnonzero(last)
-    starts = np.concatenate([[0], stops[:-1] + 1])
-    lengths = stops - starts + 1
-    if lengths.max() > MAX_BYTES:
-        raise ValueError(f"a number is longer than {MAX_BYTES} bytes")
-    if ((lengths > 1) & (raw[stops] == 0)).any():
-        raise ValueError("a number is not in its shortest form")
-    place = np.arange(len(raw)) - np.repeat(starts, lengths)
-    parts = (raw & 0x7F).astype(np.int64) << (7 * place)
-    return np.add.reduceat(parts, starts).astype(np.int64)
+    from fleetmap.codecs.number_kernels import from_leb128
+
+    found, values = from_leb128(np.frombuffer(bytearray(data), np.uint8))
+    if found:
+        raise ValueError(REASONS[found])
+    return values
 
 
 def zigzag(values: NDArray[np.int64]) -> NDArray[np.int64]:

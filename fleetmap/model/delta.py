@@ -1,4 +1,7 @@
-"""What changed between two vector maps: edges removed and added, and thickness that was corrected."""
+"""What changed between two vector maps: edges removed and added, and thickness that was corrected.
+
+Both functions cost time in proportion to what changed: bands that two maps share are neither compared nor copied.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.lattice import MAX_COORDINATE
+from fleetmap.model.bands import REASONS, Bands
 from fleetmap.model.vectormap import VectorMap
+
+_MASK = (1 << 64) - 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,72 +47,76 @@ def diff(old: VectorMap, new: VectorMap) -> MapDelta:
     ------
     ValueError : the lattices differ, so that edges can't be compared
     """
-    if old.lattice != new.lattice:
+    from fleetmap.model.band_kernels import diff_rows
+
+    if old.lattice is not new.lattice and old.lattice != new.lattice:
         raise ValueError(f"the maps lie on different lattices: {old.lattice} and {new.lattice}")
-    place = find_rows(new.edges, old.edges)
-    stays = place >= 0
-    is_new = np.ones(len(new), bool)
-    is_new[place[stays]] = False
-    thickness = new.thickness[place[stays]]
-    changed = thickness != old.thickness[stays]
-    return MapDelta(
-        old.edges[~stays],
-        new.edges[is_new],
-        new.thickness[is_new],
-        old.edges[stays][changed],
-        thickness[changed],
-    )
+    return MapDelta(*diff_rows(*old.bands.differing(new.bands)))
 
 
 def apply(base: VectorMap, delta: MapDelta) -> VectorMap:
-    """``base`` with the delta applied.
+    """``base`` with the delta applied; bands without a changed edge are shared.
 
     Raises
     ------
-    ValueError : a removed or rethickened edge is not in the base, or an added one is already there
+    ValueError : a removed or rethickened edge is not in the base, an added one is already there, or the delta's
+        edges are not in canonical order
     """
-    removed = find_rows(base.edges, delta.removed)
-    rethickened = find_rows(base.edges, delta.rethickened)
-    if (removed < 0).any() or (rethickened < 0).any():
-        raise ValueError("the delta speaks of an edge that the base does not have")
-    thickness = base.thickness.copy()
-    thickness[rethickened] = delta.rethickened_to
-    keep = np.ones(len(base), bool)
-    keep[removed] = False
-    result = VectorMap(
-        base.lattice,
-        np.concatenate([base.edges[keep], delta.added]),
-        np.concatenate([thickness[keep], delta.added_thickness]),
-        base.epsilon_cells,
-        base.profile,
+    from fleetmap.model.band_kernels import apply_rows
+    from fleetmap.model.row_kernels import GOOD
+
+    removed, added, added_thickness, rethickened, rethickened_to = plain_arrays(delta)
+    bands = base.bands
+    numbers = bands.touched(removed, added, rethickened)
+    found, rows, ends, change = apply_rows(
+        bands.gather(bands.places(numbers)),
+        removed,
+        added,
+        added_thickness,
+        rethickened,
+        rethickened_to,
+        numbers,
     )
-    if len(result) != int(keep.sum()) + len(delta.added):
-        raise ValueError("the delta adds an edge twice, or one that the base has")
-    return result
+    if found != GOOD:
+        raise ValueError(REASONS[found])
+    return VectorMap.of_bands(
+        base.lattice,
+        bands.replaced(numbers.tolist(), rows, ends.tolist()),
+        epsilon_cells=base.epsilon_cells,
+        profile=base.profile,
+        digest=(base.digest + int(change)) & _MASK,
+    )
 
 
 def find_rows(haystack: NDArray[np.int32], needles: NDArray[np.int32]) -> NDArray[np.int64]:
     """(k,) place of each needle, (k, 5), among the haystack's canonical rows, (n, 5); -1 where it is missing."""
-    if len(haystack) == 0 or len(needles) == 0:
-        return np.full(len(needles), -1, np.int64)
-    # A row has more than 64 bits. Its two halves are replaced by their ranks, and the pair of ranks fits.
-    head, tail = _halves(haystack)
-    heads, tails = np.unique(head), np.unique(tail)
-    keys = np.searchsorted(heads, head) * len(tails) + np.searchsorted(tails, tail)
-    head, tail = _halves(needles)
-    head_rank = np.minimum(np.searchsorted(heads, head), len(heads) - 1)
-    tail_rank = np.minimum(np.searchsorted(tails, tail), len(tails) - 1)
-    key = head_rank * len(tails) + tail_rank
-    place = np.minimum(np.searchsorted(keys, key), len(keys) - 1)
-    found = (heads[head_rank] == head) & (tails[tail_rank] == tail) & (keys[place] == key)
-    return np.where(found, place, -1).astype(np.int64)
+    rows = np.zeros((len(haystack), 6), np.int32)
+    rows[:, :5] = haystack
+    return Bands.of(rows).find(plain_edges(needles))
 
 
-def _halves(rows: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(n,) keys of (y0, x0) and of (y1, x1, label), each ascending like the columns behind it."""
-    bias, bits = MAX_COORDINATE, 22
-    y0, x0, y1, x1, label = rows.astype(np.int64).T
-    return ((y0 + bias) << bits) | (x0 + bias), ((((y1 + bias) << bits) | (x1 + bias)) << 4) | label
+def plain_arrays(
+    delta: MapDelta,
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8], NDArray[np.int32], NDArray[np.uint8]]:
+    """The five arrays of a delta as kernels take them.
+
+    Raises
+    ------
+    ValueError : there are not as many thicknesses as edges
+    """
+    added_thickness, rethickened_to = (
+        np.array(delta.added_thickness, np.uint8),
+        np.array(delta.rethickened_to, np.uint8),
+    )
+    if added_thickness.shape != (len(delta.added),) or rethickened_to.shape != (len(delta.rethickened),):
+        raise ValueError("the delta has not as many thicknesses as edges")
+    removed, added, rethickened = plain_edges(delta.removed), plain_edges(delta.added), plain_edges(delta.rethickened)
+    return removed, added, added_thickness, rethickened, rethickened_to
+
+
+def plain_edges(edges: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(n, 5) a copy that a kernel takes: contiguous and writeable."""
+    return np.array(edges, np.int32, order="C").reshape(-1, 5)
 
 
 __all__ = ["MapDelta", "apply", "diff", "find_rows"]

@@ -14,7 +14,10 @@ _MASK = (1 << 64) - 1
 
 
 def hash_rows(rows: NDArray[np.integer], salt: int) -> NDArray[np.uint64]:
-    """(n, k) integers -> (n,) uint64: each field is xored in and mixed by splitmix64's finaliser."""
+    """(n, k) integers -> (n,) uint64: each field is xored in and mixed by splitmix64's finaliser.
+
+    Maps are hashed by ``row_kernels``; this is what the tests hold those against.
+    """
     h = np.full(len(rows), salt & _MASK, np.uint64)
     for column in rows.astype(np.int64).astype(np.uint64).T:
         h ^= column

@@ -7,6 +7,9 @@ leak through a gap as it would in a flood fill. A wall then blocks
 * free cells only within half a cell of it, on a side that is not free, so that no thickness covers space
   that another source saw as free,
 * and, if both its sides are free, half a cell on each side.
+
+Maps of the profiles ``full`` and ``exact`` have occupied faces of their own; in ``full`` half a cell behind each
+surface is occupied, too.
 """
 
 from __future__ import annotations
@@ -82,7 +85,7 @@ def vector_map_states(
     rows[:, THICKNESS] = vector_map.thickness.astype(np.int64) * (CELL // THICKNESS_PER_CELL)
     if low_yx is None or shape is None:
         low_yx, shape = _extent(rows, CELL)
-    return _states(rows, CELL, low_yx, shape, fill_hidden=True), low_yx
+    return _states(rows, CELL, low_yx, shape, profile=vector_map.profile), low_yx
 
 
 def _extent(rows: NDArray[np.int64], step: int) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -100,14 +103,14 @@ def _extent(rows: NDArray[np.int64], step: int) -> tuple[tuple[int, int], tuple[
 
 
 def _states(
-    rows: NDArray[np.int64], step: int, low_yx: tuple[int, int], shape: tuple[int, int], *, fill_hidden: bool = False
+    rows: NDArray[np.int64], step: int, low_yx: tuple[int, int], shape: tuple[int, int], *, profile: str = "merged"
 ) -> NDArray[np.uint8]:
-    """Free faces, then walls; with ``fill_hidden`` also what edges between occupied and unknown enclose."""
+    """Free faces, then walls; in vector maps also occupied faces, the only walls of ``full`` and ``exact``."""
     if shape[0] * shape[1] > MAX_CELLS:
         raise MapFormatError(
             path="<map>", field="extent", reason=f"{shape[0]} x {shape[1]} cells; at most {MAX_CELLS} are painted"
         )
-    from fleetmap.model.raster_kernels import add_crossings, paint_walls
+    from fleetmap.model.raster_kernels import add_crossings
 
     # Half steps: cell centres are integers.
     doubled = np.ascontiguousarray(rows[:, : X1 + 1] * 2)
@@ -121,8 +124,25 @@ def _states(
         return np.cumsum(sums, axis=1, out=sums) > 0
 
     free = inside(FREE, np.ones(len(rows), bool))
+    if profile in ("share", "full"):
+        # Half a cell beside each frontier, lest a ray of one cell vanish between its two sides.
+        frontiers = ((left == FREE) & (right == UNKNOWN)) | ((left == UNKNOWN) & (right == FREE))
+        sides = ((left == FREE) + 2 * (right == FREE)).astype(np.int64)[frontiers]
+        reach = np.full((len(sides), 2), step, np.int64)
+        free |= _paint(doubled[frontiers], sides, reach, step, low_yx, np.zeros(shape, bool)) == 1
     states = np.where(free, FREE, UNKNOWN).astype(np.uint8)
-    if fill_hidden:
+    if profile in ("full", "exact"):
+        states[inside(OCCUPIED, np.ones(len(rows), bool)) & ~free] = OCCUPIED
+        if profile == "exact":
+            return states
+        # Half a cell behind each surface, lest a wall of one cell vanish between its two.
+        walls = (left == OCCUPIED) | (right == OCCUPIED)
+        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[walls]
+        reach = np.full((len(sides), 2), step, np.int64)
+        blocked = _paint(doubled[walls], sides, reach, step, low_yx, free)
+        states[(blocked == 1) & ~free] = OCCUPIED
+        return states
+    if profile == "share":
         hidden = (left != FREE) & (right != FREE)
         if hidden.any():
             states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
@@ -133,12 +153,26 @@ def _states(
     sides = np.where(two_sided, 3, (left != FREE) + 2 * (right != FREE)).astype(np.int64)
     reach = np.full((len(edges), 2), step, np.int64)  # half a cell
     reach[:, 0] = np.where(two_sided, step, 2 * np.maximum(rows[walls, THICKNESS], step))
-    blocked = np.zeros(shape, np.uint8)
+    states[_paint(edges, sides, reach, step, low_yx, free) == 1] = OCCUPIED
+    return states
+
+
+def _paint(
+    edges: NDArray[np.int64],
+    sides: NDArray[np.int64],
+    reach: NDArray[np.int64],
+    step: int,
+    low_yx: tuple[int, int],
+    free: NDArray[np.bool_],
+) -> NDArray[np.uint8]:
+    """(height, width) 1 where walls block; arguments as those of ``paint_walls``."""
+    from fleetmap.model.raster_kernels import paint_walls
+
+    blocked = np.zeros(free.shape, np.uint8)
     paint_walls(
         edges, sides, reach, _reach_times_length(edges, reach), 2 * step, *low_yx, free.astype(np.uint8), blocked
     )
-    states[blocked == 1] = OCCUPIED
-    return states
+    return blocked
 
 
 def _reach_times_length(edges: NDArray[np.int64], reach: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.bands import REASONS, Bands
 from fleetmap.model.errors import MapFormatError
-from fleetmap.model.hashing import hash_ints, hash_rows, sum_mod64
-from fleetmap.model.lattice import EPSILON_CELLS, FREE, MAX_COORDINATE, OCCUPIED, UNKNOWN, Lattice
+from fleetmap.model.hashing import hash_ints
+from fleetmap.model.lattice import EPSILON_CELLS, FREE, OCCUPIED, UNKNOWN, Lattice
 
 if TYPE_CHECKING:
     import networkx as nx
 
     from fleetmap.model.arcs import Arcs
 
-SALT_HEADER, SALT_EDGE, SALT_THICKNESS = 1, 2, 3
+SALT_HEADER = 1
+"""Salt of the lattice in the digest; ``row_kernels`` has those of the edges."""
 
 THICKNESS_PER_CELL = 4
 """Unit of ``thickness``: a quarter of a cell."""
@@ -34,9 +35,8 @@ HIDDEN_LABELS = (make_label(OCCUPIED, UNKNOWN), make_label(UNKNOWN, OCCUPIED))
 """Backs of walls: only in the profiles ``full`` and ``exact``."""
 
 
-@dataclass(frozen=True, eq=False)
 class VectorMap:
-    """Labelled edges that delimit free space.
+    """Labelled edges that delimit free space; never changed once it is built.
 
     Parameters
     ----------
@@ -52,28 +52,116 @@ class VectorMap:
     Raises
     ------
     MapFormatError : wrong shape, coordinate, label or thickness
+
+    Notes
+    -----
+    Inside, the edges lie in bands (``model.bands``), which maps share that differ little; ``edges`` and ``thickness``
+    are put together when they are first asked for.
     """
 
-    lattice: Lattice
-    edges: NDArray[np.int32]
-    thickness: NDArray[np.uint8]
-    epsilon_cells: float = EPSILON_CELLS
-    profile: str = "share"
-    digest: int = field(init=False)
+    __slots__ = ("__weakref__", "_digest", "_edges", "_thickness", "bands", "epsilon_cells", "lattice", "profile")
 
-    def __post_init__(self) -> None:
-        edges, thickness = canonical_edges(self.edges, self.thickness)
-        object.__setattr__(self, "edges", edges)
-        object.__setattr__(self, "thickness", thickness)
-        object.__setattr__(self, "digest", self._digest())
+    lattice: Lattice
+    epsilon_cells: float
+    profile: str
+    bands: Bands
+    _digest: int | None
+    _edges: NDArray[np.int32] | None
+    _thickness: NDArray[np.uint8] | None
+
+    def __init__(
+        self,
+        lattice: Lattice,
+        edges: NDArray[np.int32],
+        thickness: NDArray[np.uint8],
+        epsilon_cells: float = EPSILON_CELLS,
+        profile: str = "share",
+    ) -> None:
+        rows = _checked_rows(edges, thickness)
+        self._set(lattice, Bands.of(rows), epsilon_cells, profile, None)
+
+    @classmethod
+    def of_bands(
+        cls, lattice: Lattice, bands: Bands, *, epsilon_cells: float, profile: str, digest: int | None = None
+    ) -> VectorMap:
+        """A map of bands that are known to be valid, and its digest if that is known; nothing is checked."""
+        result = cls.__new__(cls)
+        result._set(lattice, bands, epsilon_cells, profile, digest)
+        return result
+
+    @classmethod
+    def of_rows(
+        cls,
+        lattice: Lattice,
+        rows: NDArray[np.int32],
+        *,
+        epsilon_cells: float = EPSILON_CELLS,
+        profile: str = "share",
+    ) -> VectorMap:
+        """A map of (n, 6) int32 rows (edge, thickness) that are known to be valid and in canonical order.
+
+        Nothing is checked, and the rows are kept: they are the map's from now on.
+        """
+        return cls.of_bands(lattice, Bands.of(rows), epsilon_cells=epsilon_cells, profile=profile)
 
     @classmethod
     def empty(cls, lattice: Lattice, *, epsilon_cells: float = EPSILON_CELLS, profile: str = "share") -> VectorMap:
         """A map without edges: what a snapshot is a delta from."""
-        return cls(lattice, np.zeros((0, 5), np.int32), np.zeros(0, np.uint8), epsilon_cells, profile)
+        return cls.of_bands(lattice, Bands((), ()), epsilon_cells=epsilon_cells, profile=profile)
+
+    def _set(self, lattice: Lattice, bands: Bands, epsilon_cells: float, profile: str, digest: int | None) -> None:
+        put = object.__setattr__
+        put(self, "lattice", lattice)
+        put(self, "bands", bands)
+        put(self, "epsilon_cells", epsilon_cells)
+        put(self, "profile", profile)
+        put(self, "_digest", digest)
+        put(self, "_edges", None)
+        put(self, "_thickness", None)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"a VectorMap is never changed: build another one to have another {name}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return VectorMap, (self.lattice, self.edges, self.thickness, self.epsilon_cells, self.profile)
+
+    def __repr__(self) -> str:
+        return f"VectorMap({len(self)} edges, profile {self.profile!r}, digest {self.digest:016x})"
+
+    @property
+    def edges(self) -> NDArray[np.int32]:
+        """(n, 5) int32 all edges, in canonical order."""
+        edges = self._edges
+        if edges is None:
+            edges = self.bands.rows()[:, :5].copy()
+            object.__setattr__(self, "_edges", edges)
+        return edges
+
+    @property
+    def thickness(self) -> NDArray[np.uint8]:
+        """(n,) uint8 the thickness of each edge, quarters of a cell."""
+        thickness = self._thickness
+        if thickness is None:
+            thickness = self.bands.rows()[:, 5].astype(np.uint8)
+            object.__setattr__(self, "_thickness", thickness)
+        return thickness
+
+    @property
+    def digest(self) -> int:
+        """The sum mod 2^64 over all edges and the lattice (``docs/format.md``)."""
+        digest = self._digest
+        if digest is None:
+            from fleetmap.model.row_kernels import sum_of_hashes
+
+            pose = self.lattice.T_frame_lattice
+            header = (self.lattice.resolution_um, pose.x_um, pose.y_um, pose.cos_q30, pose.sin_q30)
+            total = hash_ints(header, SALT_HEADER) + int(sum_of_hashes(self.bands.rows()))
+            digest = total & ((1 << 64) - 1)
+            object.__setattr__(self, "_digest", digest)
+        return digest
 
     def __len__(self) -> int:
-        return len(self.edges)
+        return len(self.bands)
 
     @property
     def obstacle(self) -> NDArray[np.bool_]:
@@ -117,48 +205,20 @@ class VectorMap:
             )
         return graph
 
-    def _digest(self) -> int:
-        pose = self.lattice.T_frame_lattice
-        header = (self.lattice.resolution_um, pose.x_um, pose.y_um, pose.cos_q30, pose.sin_q30)
-        rows = np.column_stack([self.edges, self.thickness])[self.thickness > 0]
-        total = (
-            hash_ints(header, SALT_HEADER)
-            + sum_mod64(hash_rows(self.edges, SALT_EDGE))
-            + sum_mod64(hash_rows(rows, SALT_THICKNESS))
-        )
-        return total & ((1 << 64) - 1)
 
-
-def canonical_edges(
-    edges: NDArray[np.int32], thickness: NDArray[np.uint8]
-) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Check edges, turn each with its lower endpoint first, sort them, and drop repeated ones."""
-
-    def refuse(reason: str) -> MapFormatError:
-        return MapFormatError(path="<array>", field="edges", reason=reason)
+def _checked_rows(edges: NDArray[np.int32], thickness: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """(m, 6) rows: edges checked, each turned with its lower end first, sorted, repeated ones dropped."""
+    from fleetmap.model.band_kernels import canonical_rows
+    from fleetmap.model.row_kernels import GOOD
 
     edges, thickness = np.asarray(edges), np.asarray(thickness)
     if edges.ndim != 2 or edges.shape[1] != 5 or edges.dtype.kind not in "iu":
-        raise refuse(f"expected (n, 5) integers; found {edges.shape} {edges.dtype}")
-    if thickness.shape != (len(edges),) or thickness.dtype.kind not in "iu":
-        raise refuse(f"expected ({len(edges)},) integers as thickness; found {thickness.shape} {thickness.dtype}")
-    if len(edges) == 0:
-        return np.zeros((0, 5), np.int32), np.zeros(0, np.uint8)
-    if thickness.min() < 0 or thickness.max() > 255:
-        raise refuse("a thickness is not in 0 to 255 quarters of a cell")
-    rows = edges.astype(np.int64)
-    if np.abs(rows[:, :4]).max() > MAX_COORDINATE:
-        raise refuse(f"a coordinate is farther than {MAX_COORDINATE} cells from the lattice's origin")
-    left, right = np.divmod(rows[:, 4], 3)
-    if rows[:, 4].min() < 0 or rows[:, 4].max() > 8 or (left == right).any():
-        raise refuse("a label is not 3 * left + right with two different states")
-    y0, x0, y1, x1 = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
-    if ((y0 == y1) & (x0 == x1)).any():
-        raise refuse("an edge has no length")
-    turned = (y0 > y1) | ((y0 == y1) & (x0 > x1))
-    rows[turned] = np.column_stack([y1, x1, y0, x0, 3 * right + left])[turned]
-    order = np.lexsort((rows[:, 4], rows[:, 3], rows[:, 2], rows[:, 1], rows[:, 0]))
-    rows, thickness = rows[order], thickness[order]
-    first = np.ones(len(rows), bool)
-    first[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-    return rows[first].astype(np.int32), thickness[first].astype(np.uint8)
+        reason = f"expected (n, 5) integers; found {edges.shape} {edges.dtype}"
+    elif thickness.shape != (len(edges),) or thickness.dtype.kind not in "iu":
+        reason = f"expected ({len(edges)},) integers as thickness; found {thickness.shape} {thickness.dtype}"
+    else:
+        found, rows = canonical_rows(np.array(edges, np.int64, order="C"), np.array(thickness, np.int64))
+        if found == GOOD:
+            return rows
+        reason = REASONS[found]
+    raise MapFormatError(path="<array>", field="edges", reason=reason)
