@@ -1,9 +1,15 @@
 """The commands on maps, run as a user runs them: results, JSON, exit codes, and errors that say what to do."""
 
+import re
 import warnings
+from collections import Counter
 
 import numpy as np
 import pytest
+
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.map_server import save_map
 
 
 def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
@@ -12,6 +18,7 @@ def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
     found = run.document
     assert found["valid"] is True
     assert found["violations"] == []
+    assert (found["method"], found["reading"]) == ("boundary", None)
     assert found["bytes"] == (map_folder / "map.fmap").stat().st_size
     assert 8 <= found["edges"] <= 40
     assert {"vertices", "ms", "dropped"} <= set(found)
@@ -24,6 +31,38 @@ def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
     run = fleetmap_command("compare", "again.yaml", "map.yaml", "--json", cwd=map_folder)
     assert run.code == 0, run.err
     assert min(run.document[k] for k in ("MS", "OPDF", "UPDF", "OPDF_reverse", "UPDF_reverse")) > 97
+
+
+def test_the_papers_method_reports_what_it_breaks_and_writes_the_map_all_the_same(fleetmap_command, map_folder):
+    for options, reading in (([], "C"), (["--reading", "B"], "B"), (["--reading", "mended"], "mended")):
+        command = ["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", *options]
+        run = fleetmap_command(*command, "--json", cwd=map_folder)
+        assert run.code == 1, run.err
+        found = run.document
+        assert (found["method"], found["reading"]) == ("paper", reading)
+        assert {"edges", "vertices", "bytes", "ms", "valid", "violations", "dropped"} <= set(found)
+        kinds = Counter(v["kind"] for v in found["violations"])
+        assert found["valid"] is False
+        assert ({"uncovered", "astray"} & set(kinds) == set()) == (reading == "mended")
+        assert found["bytes"] == (map_folder / "map.fmap").stat().st_size
+
+        run = fleetmap_command(*command, cwd=map_folder)
+        assert run.code == 1
+        for kind in {"uncovered", "astray", *kinds}:
+            assert re.search(rf"{kind}\W+{kinds[kind]}\b", run.out), run.out
+        assert len(re.findall(r" at \(", run.err)) <= 20
+
+
+def test_the_papers_method_exits_with_0_where_its_map_is_valid(fleetmap_command, tmp_path):
+    y, x = np.mgrid[:21, :21]
+    distance = abs(y - 10) + abs(x - 10)
+    states = np.select([distance < 9, distance == 9], [FREE, OCCUPIED], UNKNOWN).astype(np.uint8)
+    save_map(OccupancyGrid.from_states(states, 0.05), tmp_path / "map.yaml")
+    command = ["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", "--reading", "mended"]
+    run = fleetmap_command(*command, "--json", cwd=tmp_path)
+    assert run.code == 0, run.err
+    assert run.document["violations"] == []
+    assert fleetmap_command("rasterize", "map.fmap", "-o", "again.yaml", cwd=tmp_path).code == 0
 
 
 def test_every_command_also_speaks_to_people(fleetmap_command, map_folder):
@@ -72,6 +111,10 @@ def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, comm
         (["vectorize", "map.yaml", "-o", "folder.fmap"], 2, "is a folder"),
         (["vectorize", "broken.fmap", "-o", "again.fmap"], 1, "is a vector map"),
         (["vectorize", "map.yaml", "-o", "map.fmap", "--epsilon", "0"], 2, "epsilon"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", "--specks", "3"], 2, "specks"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", "--epsilon", "5"], 2, "epsilon"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", "--reading", "A"], 2, "mended"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--reading", "B"], 2, "--method paper"),
         (["rasterize", "map.yaml", "-o", "again.yaml"], 1, "fmap"),
         (["rasterize", "broken.fmap", "-o", "again.yaml"], 1, "broken.fmap"),
         (["rasterize", "broken.fmap", "-o", "again"], 2, "ends in .yaml"),

@@ -3,21 +3,86 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fleetmap.cli.output import AsJson, print_json, print_table
 
+if TYPE_CHECKING:
+    from fleetmap.model.vectormap import VectorMap
+
+PLACES_SHOWN = 20
+"""Of the violations so many are listed for people; ``--json`` has all of them."""
+
+
+class Profile(StrEnum):
+    """What a vector map holds."""
+
+    SHARE = "share"
+    FULL = "full"
+    EXACT = "exact"
+
+
+class Method(StrEnum):
+    """How a grid becomes a vector map."""
+
+    BOUNDARY = "boundary"
+    PAPER = "paper"
+
+
+class Reading(StrEnum):
+    """How the paper's greedy is read."""
+
+    B = "B"
+    C = "C"
+    MENDED = "mended"
+
 
 def vectorize(
     grid: Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="OUT.fmap", help="Where the vector map goes.")],
-    epsilon: Annotated[float, typer.Option(min=0.5, max=64.0, help="Error bound in cells.")] = 2**0.5,
+    profile: Annotated[
+        Profile,
+        typer.Option(
+            case_sensitive=False,
+            help="share: the boundary of free space, with the thickness of walls. full: all boundaries between free, "
+            "occupied and unknown. exact: full, and every cell comes back as it was.",
+        ),
+    ] = Profile.SHARE,
+    epsilon: Annotated[
+        float | None,
+        typer.Option(
+            min=0.5,
+            max=64.0,
+            show_default="sqrt(2)",
+            help="Error bound in cells; 1 to 4 for the paper's method; exact has its own.",
+        ),
+    ] = None,
     specks: Annotated[
-        int, typer.Option(min=0, max=10_000, help="Drop free and unknown specks of at most so many cells.")
-    ] = 12,
+        int | None,
+        typer.Option(
+            min=0,
+            max=10_000,
+            show_default="12",
+            help="Drop free and unknown specks of at most so many cells; for the boundary method.",
+        ),
+    ] = None,
+    method: Annotated[
+        Method,
+        typer.Option(
+            case_sensitive=False, help="Trace the boundary of free space, or run the paper's greedy to compare."
+        ),
+    ] = Method.BOUNDARY,
+    reading: Annotated[
+        Reading | None,
+        typer.Option(
+            case_sensitive=False, show_default="C", help="How to read the paper's greedy; for the paper's method."
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Turn a map_server grid into a vector map: the boundary of free space within epsilon.
@@ -26,22 +91,51 @@ def vectorize(
     epsilon of an edge and every point of an edge within epsilon of the boundary, edges that meet only at
     vertices, the same components of free space. Exits with 1 if it is not.
 
-    Example:  fleetmap vectorize map.yaml -o map.fmap
+    With --method paper the graph of occupied cells is shortened as in Baizid et al. 2016, and the points to be
+    near are the centres of occupied cells that touch a free one. The result is written in any case.
+
+    Examples:  fleetmap vectorize map.yaml -o map.fmap
+
+               fleetmap vectorize map.yaml -o lossless.fmap --profile exact
     """
     from fleetmap.cli.maps import check_output, read_map_server
     from fleetmap.codecs.fmap import save_fmap
+    from fleetmap.model.errors import ConfigError
     from fleetmap.vectorize import vectorize as vectorize_grid
     from fleetmap.vectorize import verify
+    from fleetmap.vectorize.paper_method import vectorize_by_paper
+    from fleetmap.vectorize.vectorizer import Vectorizer
 
+    by_paper = method is Method.PAPER
+    if by_paper and specks is not None:
+        raise ConfigError(option="specks", value=specks, reason="the paper's method drops none: leave it out")
+    if not by_paper and reading is not None:
+        raise ConfigError(option="reading", value=reading.value, reason="is for --method paper")
+    if by_paper and profile is not Profile.SHARE:
+        raise ConfigError(option="profile", value=profile.value, reason="is for --method boundary")
+    options = Vectorizer(profile=profile.value, epsilon_cells=epsilon, specks=specks)  # refuses what can't be
     check_output(out, ".fmap")
     cells = read_map_server(grid)
-    vectorize_grid(cells, epsilon_cells=epsilon, specks=specks)  # the first call loads the kernels
+    if by_paper:
+        reading = reading or Reading.C
+
+    def make() -> VectorMap:
+        if reading is not None:
+            return vectorize_by_paper(cells, reading=reading.value, epsilon_cells=options.epsilon_cells)
+        return vectorize_grid(cells, profile=profile.value, epsilon_cells=epsilon, specks=specks)
+
+    make()  # the first call loads the kernels
     started = time.perf_counter()
-    vector_map = vectorize_grid(cells, epsilon_cells=epsilon, specks=specks)
+    vector_map = make()
     elapsed_ms = (time.perf_counter() - started) * 1e3
-    report = verify(cells, vector_map, specks=specks)
+    report = verify(
+        cells, vector_map, points="centres" if by_paper else "boundary", specks=0 if by_paper else options.specks
+    )
     save_fmap(vector_map, out)
     document = {
+        "profile": vector_map.profile,
+        "method": method.value,
+        "reading": reading and reading.value,
         "edges": len(vector_map),
         "vertices": vector_map.count_vertices(),
         "bytes": out.stat().st_size,
@@ -58,14 +152,26 @@ def vectorize(
     if as_json:
         print_json(document)
     else:
-        rows = [[k, str(document[k])] for k in ("edges", "vertices", "bytes")]
+        counts = Counter(v.kind for v in report.violations)
+        rows = [
+            ["profile", vector_map.profile],
+            ["method", f"{method.value}, reading {reading.value}" if reading else method.value],
+        ]
+        rows += [[k, str(document[k])] for k in ("edges", "vertices", "bytes")]
         rows += [
             ["time", f"{elapsed_ms:.1f} ms"],
             ["specks dropped", f"{report.dropped.count} ({report.dropped.cells} cells)"],
             ["valid", "yes" if report.valid else f"no: {len(report.violations)} violations"],
         ]
+        # The paper's two constraints, kept or not, before what else a vector map promises.
+        shown = dict.fromkeys([*(["uncovered", "astray"] if by_paper else []), *counts])
+        rows += [[f"  {kind}", str(counts[kind])] for kind in shown]
         print_table(f"{grid} -> {out}", ["", "value"], rows)
-        for v in report.violations[:20]:
-            typer.echo(f"  {v.kind} at ({v.place_xy_m[0]:.3f}, {v.place_xy_m[1]:.3f}) m: {v.detail}", err=True)
+        for kind in counts:
+            of_kind = [v for v in report.violations if v.kind == kind]
+            for v in of_kind[: PLACES_SHOWN // len(counts)]:
+                typer.echo(f"  {v.kind} at ({v.place_xy_m[0]:.3f}, {v.place_xy_m[1]:.3f}) m: {v.detail}", err=True)
+        if len(report.violations) > PLACES_SHOWN:
+            typer.echo(f"  at most {PLACES_SHOWN} places are listed here; --json lists all", err=True)
     if not report.valid:
         raise typer.Exit(1)
