@@ -16,6 +16,7 @@ from rich.markup import escape
 
 from fleetmap.cli.compare import compare
 from fleetmap.cli.output import print_json, stderr
+from fleetmap.cli.paper import paper
 from fleetmap.cli.rasterize import rasterize
 from fleetmap.cli.sim import sim
 from fleetmap.cli.stats import stats
@@ -31,7 +32,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (sim, stats, vectorize, rasterize, compare, warmup):
+for command in (sim, stats, vectorize, rasterize, compare, paper, warmup):
     app.command()(command)
 
 # typer keeps its exceptions in a copy of click of its own: reach them through the public name it exports.
