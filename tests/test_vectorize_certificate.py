@@ -169,8 +169,8 @@ def test_at_epsilon_one_half_free_space_comes_back_cell_by_cell(seed):
 def test_every_obstacle_survives_within_epsilon(seed):
     states = random_states(seed)
     grid = OccupancyGrid.from_states(states, 0.05)
-    back = np.argwhere(rasterize(vectorize(grid)).states_yx() == OCCUPIED)
-    vector_map = vectorize(grid)
+    back = np.argwhere(rasterize(vectorize(grid, specks=0)).states_yx() == OCCUPIED)
+    vector_map = vectorize(grid, specks=0)
     low = rasterize(vector_map).origin
     back += np.array([round(low.y_m / 0.05), round(low.x_m / 0.05)])
     touches = np.zeros(states.shape, bool)
@@ -218,12 +218,12 @@ def test_a_free_speck_that_lies_apart_is_kept():
 def test_thickness_is_that_of_the_wall():
     cells = np.full((60, 80), -1, np.int8)
     cells[10:50, 10:70] = 0
-    cells[10:50, 5:10] = 100  # 5 cells
-    cells[50:52, 10:70] = 100  # 2 cells
+    cells[10:45, 5:10] = 100  # 5 cells
+    cells[50:52, 15:70] = 100  # 2 cells; frontier between them: thickness belongs to an arc
     vector_map = vectorize(OccupancyGrid(cells, 0.05))
     by_edge = {tuple(edge): t for edge, t in zip(vector_map.edges.tolist(), vector_map.thickness.tolist(), strict=True)}
-    assert by_edge[10, 10, 50, 10, 5 - 2] == 20
-    assert by_edge[50, 10, 50, 70, 5 - 2] == 8
+    assert by_edge[10, 10, 45, 10, 5 - 2] == 20
+    assert by_edge[50, 15, 50, 70, 5 - 2] == 8
 
 
 @pytest.mark.parametrize("option", [{"epsilon_cells": 0.4}, {"epsilon_cells": float("nan")}, {"specks": -1}])

@@ -1,14 +1,13 @@
 import math
 import os
 import warnings
-from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -19,8 +18,7 @@ from fleetmap.model.map_server import load_map
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap, make_label
 from fleetmap.vectorize.verify import VerifyReport, verify
-from fleetmap.vectorize.verify_cover import UNIT, Root, compare_roots, exact_gap, first_gaps
-from fleetmap.vectorize.verify_faces import find_crossings, find_faces
+from fleetmap.vectorize.verify_faces import find_faces
 
 LATTICE = Lattice(50_000)
 WALL, WALL_RIGHT = make_label(FREE, OCCUPIED), make_label(OCCUPIED, FREE)
@@ -38,17 +36,29 @@ def vector_map(edges: list[tuple[int, int, int, int, int]], lattice: Lattice = L
     return VectorMap(lattice, rows, np.zeros(len(rows), np.uint8))
 
 
+def at_epsilon(drawn: VectorMap, epsilon_cells: float) -> VectorMap:
+    return VectorMap(drawn.lattice, drawn.edges, drawn.thickness, epsilon_cells, drawn.profile)
+
+
 def raw_cracks(source: OccupancyGrid) -> VectorMap:
-    """Every unit of boundary between a free cell and another one as an edge of its own, by a plain loop."""
-    states = np.pad(source.states_yx(), 1, constant_values=UNKNOWN).tolist()
+    """Every unit of boundary between a free cell and another one as an edge of its own, by a plain loop.
+
+    So are the outlines of obstacles without a free cell at a side.
+    """
+    from scipy.ndimage import binary_dilation, label
+
+    rimmed = np.pad(source.states_yx(), 1, constant_values=UNKNOWN)
+    obstacles, _ = label(rimmed == OCCUPIED, np.ones((3, 3)))
+    hidden = ~np.isin(obstacles, np.unique(obstacles[binary_dilation(rimmed == FREE)])) & (obstacles > 0)
+    states, hidden = rimmed.tolist(), hidden.tolist()
     edges = []
     for i, row in enumerate(states):
         for j, state in enumerate(row):
             above = states[i + 1][j] if i + 1 < len(states) else UNKNOWN
             right = row[j + 1] if j + 1 < len(row) else UNKNOWN
-            if state != above and FREE in (state, above):
+            if state != above and (FREE in (state, above) or hidden[i][j] or hidden[i + 1][j]):
                 edges.append((i, j - 1, i, j, make_label(above, state)))
-            if state != right and FREE in (state, right):
+            if state != right and (FREE in (state, right) or hidden[i][j] or hidden[i][j + 1]):
                 edges.append((i - 1, j, i, j, make_label(state, right)))
     lattice = Lattice(round(source.resolution_m * 1e6), FixedPose.from_pose(source.origin))
     return vector_map(edges, lattice)
@@ -82,7 +92,6 @@ def test_a_room_drawn_along_its_walls_is_valid() -> None:
     assert (report.dropped.count, report.dropped.cells, report.dropped.area_m2) == (0, 0, 0)
 
 
-@settings(deadline=None)
 @given(grids, st.sampled_from([0, 1, 12]))
 def test_the_raw_boundary_is_valid(states: np.ndarray, specks: int) -> None:
     source = OccupancyGrid.from_states(states, 0.05, Pose2(1.0, -2.0, 0.3))
@@ -91,7 +100,6 @@ def test_the_raw_boundary_is_valid(states: np.ndarray, specks: int) -> None:
     assert report.dropped.count == 0
 
 
-@settings(deadline=None)
 @given(st.one_of(grids, walled_grids), st.data())
 def test_the_raw_boundary_without_one_component_is_not_valid(states: np.ndarray, data: st.DataObject) -> None:
     from scipy.ndimage import label
@@ -116,18 +124,19 @@ def test_the_raw_boundary_without_one_component_is_not_valid(states: np.ndarray,
 
 
 def test_an_empty_map_of_a_grid_without_free_cells_is_valid() -> None:
-    assert verify(grid(["#?", "?#"]), vector_map([])).valid
+    assert verify(grid(["??", "??"]), vector_map([])).valid
+    assert kinds(verify(grid(["#?", "?#"]), vector_map([]))) == {"lost"}
 
 
 def test_an_empty_map_of_a_room_is_not() -> None:
-    assert kinds(verify(ROOM, vector_map([]))) == {"uncovered"}
+    assert kinds(verify(ROOM, vector_map([]))) == {"uncovered", "components", "lost"}
 
 
 def test_distance_of_exactly_epsilon_is_legal_and_any_more_is_not() -> None:
     # A corner moved by (1, 1) is sqrt(2) away.
     moved = [(2, 2), *ROOM_CORNERS[1:]]
     assert verify(ROOM, vector_map(polygon(moved, WALL))).valid
-    report = verify(ROOM, replace(vector_map(polygon(moved, WALL)), epsilon_cells=1.4142))
+    report = verify(ROOM, at_epsilon(vector_map(polygon(moved, WALL)), 1.4142))
     assert kinds(report) == {"uncovered"}
     assert report.violations[0].place_xy_m == pytest.approx((0.05, 0.05), abs=1e-3)
 
@@ -255,7 +264,7 @@ def test_a_free_face_in_a_map_of_a_grid_without_free_cells_is_found() -> None:
 
 def test_a_pillar_may_not_vanish() -> None:
     source = grid(["#########", *["#.......#"] * 3, "#...#...#", *["#.......#"] * 3, "#########"])
-    assert kinds(verify(source, vector_map(polygon([(1, 1), (1, 8), (8, 8), (8, 1)], WALL)))) == {"uncovered"}
+    assert kinds(verify(source, vector_map(polygon([(1, 1), (1, 8), (8, 8), (8, 1)], WALL)))) == {"uncovered", "lost"}
 
 
 def test_backs_of_walls_are_legal_where_there_is_one_and_never_demanded() -> None:
@@ -266,6 +275,40 @@ def test_backs_of_walls_are_legal_where_there_is_one_and_never_demanded() -> Non
     assert verify(source, vector_map(front + back)).valid
     loose = polygon([(-3, -3), (-3, 14), (13, 14), (13, -3)], make_label(OCCUPIED, UNKNOWN))
     assert kinds(verify(source, vector_map(front + loose))) == {"astray"}
+
+
+# Maps that a vectorizer made: thin components whose cells' centres tell little of where they are.
+THIN = [
+    (
+        [".?#.", ".?.#", "..?.", "...."],
+        1.0,
+        [
+            (0, 0, 0, 4, 2), (0, 0, 4, 0, 6), (0, 4, 2, 4, 2), (1, 2, 2, 2, 2), (1, 2, 2, 3, 6), (2, 2, 2, 3, 2),
+            (2, 2, 3, 2, 6), (2, 2, 4, 0, 2), (2, 3, 2, 4, 3), (2, 3, 3, 2, 1), (3, 4, 4, 3, 3), (3, 4, 4, 4, 2),
+            (4, 3, 4, 4, 6),
+        ],
+    ),
+    (
+        [".?...?.", "#.#..#.", ".?.#?.?", "..?....", ".#....."],
+        2**0.5,
+        [
+            (0, 1, 1, 2, 1), (0, 1, 3, 0, 6), (0, 2, 0, 7, 2), (0, 2, 1, 2, 3), (0, 7, 3, 6, 2), (1, 2, 2, 2, 2),
+            (1, 2, 2, 3, 6), (2, 2, 2, 3, 2), (2, 2, 3, 1, 2), (2, 2, 3, 2, 6), (2, 3, 2, 4, 3), (2, 3, 3, 2, 1),
+            (2, 4, 3, 5, 6), (3, 0, 3, 1, 3), (3, 1, 3, 2, 2), (3, 1, 4, 1, 3), (3, 2, 4, 2, 1), (3, 4, 3, 5, 2),
+            (3, 4, 4, 2, 3), (3, 5, 3, 6, 3), (3, 5, 4, 5, 1), (3, 6, 3, 7, 2), (3, 6, 4, 6, 3), (3, 7, 4, 6, 2),
+            (4, 0, 4, 1, 1), (4, 0, 5, 1, 6), (4, 1, 4, 2, 6), (4, 1, 5, 1, 2), (4, 2, 4, 5, 6),
+        ],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("rows", "epsilon_cells", "edges"), THIN)
+def test_thin_components_are_given_to_faces_near_them_if_that_works_for_all(
+    rows: list[str], epsilon_cells: float, edges: list[tuple[int, int, int, int, int]]
+) -> None:
+    drawn = at_epsilon(vector_map(edges), epsilon_cells)
+    free = [violation for violation in verify(grid(rows), drawn, specks=0).violations if violation.kind != "lost"]
+    assert free == []
 
 
 # --- specks
@@ -288,7 +331,7 @@ def test_dropped_specks_are_counted_and_larger_ones_are_missed() -> None:
 def test_an_occupied_speck_is_never_dropped() -> None:
     rows = ["." * 20] * 20
     rows[5] = "....#..............."
-    assert kinds(verify(grid(rows), raw_cracks(grid(["." * 20] * 20)))) == {"uncovered"}
+    assert kinds(verify(grid(rows), raw_cracks(grid(["." * 20] * 20)))) == {"uncovered", "lost"}
 
 
 def test_a_free_speck_in_a_wall_may_be_dropped() -> None:
@@ -324,11 +367,10 @@ def test_an_unknown_speck_in_a_door_that_becomes_free_joins_the_rooms_and_else_d
 )
 def test_the_grid_stands_at_its_true_offset_in_sixteenths(x_cells: float, valid: bool) -> None:
     shifted = grid(["##########", *["#........#"] * 8, "##########"], x_cells=x_cells)
-    drawn = replace(vector_map(polygon(ROOM_CORNERS, WALL)), epsilon_cells=1.0)
+    drawn = at_epsilon(vector_map(polygon(ROOM_CORNERS, WALL)), 1.0)
     assert verify(shifted, drawn).valid == valid
 
 
-@settings(deadline=None)
 @given(grids, st.integers(-40, 40), st.integers(-40, 40), st.sampled_from([0.0, 1.0, -2.5]))
 def test_a_shift_is_measured_by_its_length(states: np.ndarray, y16: int, x16: int, yaw_rad: float) -> None:
     """The raw boundary of a grid is off by its own shift at corners, so it is valid up to that and no farther."""
@@ -338,7 +380,7 @@ def test_a_shift_is_measured_by_its_length(states: np.ndarray, y16: int, x16: in
         return
     shifted = OccupancyGrid.from_states(states, 0.05, place @ Pose2(x16 / 16 * 0.05, y16 / 16 * 0.05))
     distance2 = Fraction(x16**2 + y16**2, 256)
-    enough = replace(drawn, epsilon_cells=math.sqrt(distance2))
+    enough = at_epsilon(drawn, math.sqrt(distance2))
     assert not kinds(verify(shifted, enough, specks=0)) & {"uncovered", "astray"}
 
 
@@ -346,12 +388,12 @@ def test_centres_are_the_papers_reading() -> None:
     corners = [(0, 0), (0, 10), (10, 10), (10, 0)]
     near_centres = vector_map(polygon(corners, WALL))
     # Half a cell outside of the centres of the wall's cells, and sqrt(0.5) at the corners.
-    report = verify(ROOM, replace(near_centres, epsilon_cells=0.75), points="centres")
+    report = verify(ROOM, at_epsilon(near_centres, 0.75), points="centres")
     assert report.valid
-    assert kinds(verify(ROOM, replace(near_centres, epsilon_cells=0.7), points="centres")) == {"astray"}
+    assert kinds(verify(ROOM, at_epsilon(near_centres, 0.7), points="centres")) == {"astray"}
     # From inside, the walls' corner cells are farther away, and they do touch a free cell.
     inside = vector_map(polygon(ROOM_CORNERS, WALL))
-    assert kinds(verify(ROOM, replace(inside, epsilon_cells=0.7), points="centres")) >= {"uncovered", "astray"}
+    assert kinds(verify(ROOM, at_epsilon(inside, 0.7), points="centres")) >= {"uncovered", "astray"}
 
 
 def test_another_resolution_or_yaw_or_reading_is_refused() -> None:
@@ -364,122 +406,6 @@ def test_another_resolution_or_yaw_or_reading_is_refused() -> None:
         verify(ROOM, drawn, points="corners")  # type: ignore[arg-type]
 
 
-# --- the cover test
-
-coordinates = st.integers(-3 * UNIT, 3 * UNIT)
-segments_lists = st.lists(st.tuples(*[coordinates] * 4), min_size=0, max_size=8)
-coarse = st.integers(-4, 4).map(lambda cells: cells * UNIT)
-coarse_lists = st.lists(st.tuples(*[coarse] * 4), min_size=0, max_size=8)
-PLACE = 0.005 * UNIT  # how precisely a gap's place is told
-epsilons2 = st.sampled_from([Fraction(2), Fraction(1), Fraction(1, 2), Fraction(5, 4), Fraction(25, 16)])
-
-
-def rows(segments: list[tuple[int, int, int, int]]) -> np.ndarray:
-    return np.array(segments, np.int64).reshape(-1, 4)
-
-
-def distance2_to(y: Fraction, x: Fraction, other: tuple[int, int, int, int]) -> Fraction:
-    ay, ax, by, bx = other
-    ey, ex = by - ay, bx - ax
-    e2 = ey * ey + ex * ex
-    t = max(Fraction(0), min(Fraction(1), ((y - ay) * ey + (x - ax) * ex) / e2)) if e2 else Fraction(0)
-    return (y - ay - t * ey) ** 2 + (x - ax - t * ex) ** 2
-
-
-@settings(deadline=None)
-@given(st.one_of(segments_lists, coarse_lists), st.one_of(segments_lists, coarse_lists), epsilons2)
-def test_gaps_agree_with_distances_of_many_points(
-    segments: list[tuple[int, int, int, int]], others: list[tuple[int, int, int, int]], epsilon2: Fraction
-) -> None:
-    gaps = first_gaps(rows(segments), rows(others), epsilon2)
-    for (y0, x0, y1, x1), gap in zip(segments, gaps.tolist(), strict=True):
-        for t in [Fraction(k, 48) for k in range(49)]:
-            y, x = y0 + t * (y1 - y0), x0 + t * (x1 - x0)
-            near = any(distance2_to(y, x, other) <= epsilon2 * UNIT**2 for other in others)
-            if math.isnan(gap) or (gap - float(t)) * math.hypot(y1 - y0, x1 - x0) > PLACE:
-                assert near
-        if not math.isnan(gap):
-            y, x = (a + Fraction(gap) * (b - a) for a, b in ((y0, y1), (x0, x1)))
-            least = min((float(distance2_to(y, x, other)) for other in others), default=math.inf)
-            assert least > float(epsilon2) * UNIT**2 * (1 - 1e-4)
-
-
-@settings(deadline=None)
-@given(st.one_of(segments_lists, coarse_lists), st.one_of(segments_lists, coarse_lists), epsilons2)
-def test_floats_and_rationals_find_the_same_gaps(
-    segments: list[tuple[int, int, int, int]], others: list[tuple[int, int, int, int]], epsilon2: Fraction
-) -> None:
-    gaps = first_gaps(rows(segments), rows(others), epsilon2)
-    exact = [exact_gap(list(s), [list(o) for o in others], epsilon2 * UNIT**2) for s in segments]
-    assert np.isnan(gaps).tolist() == [math.isnan(gap) for gap in exact]
-    lengths = [math.hypot(y1 - y0, x1 - x0) for y0, x0, y1, x1 in segments]
-    np.testing.assert_allclose(gaps * lengths, np.multiply(exact, lengths), atol=PLACE)
-
-
-def test_a_segment_covered_by_two_that_just_touch_is_covered() -> None:
-    # Discs of radius 1 around (0, 0) and (0, 2): they share the point (0, 1) alone.
-    points = rows([(0, 0, 0, 0), (0, 2 * UNIT, 0, 2 * UNIT)])
-    segment = rows([(0, 0, 0, 2 * UNIT)])
-    assert np.isnan(first_gaps(segment, points, Fraction(1))).all()
-    assert first_gaps(segment, points, Fraction(10**9 - 1, 10**9)) == pytest.approx(0.5, abs=1e-3)
-    apart = points + np.array([[0, 0, 0, 0], [0, 1, 0, 1]])
-    assert first_gaps(segment, apart, Fraction(1)) == pytest.approx(0.5, abs=1e-3)
-
-
-def test_a_parallel_at_exactly_epsilon_covers() -> None:
-    diagonal = rows([(0, 0, 900 * UNIT, 900 * UNIT)])
-    beside = diagonal + np.array([-UNIT, UNIT, -UNIT, UNIT])
-    ends_too = np.concatenate([beside, rows([(0, 0, 0, 0), (900 * UNIT, 900 * UNIT, 900 * UNIT, 900 * UNIT)])])
-    assert np.isnan(first_gaps(diagonal, ends_too, Fraction(2))).all()
-    assert not np.isnan(first_gaps(diagonal, ends_too, Fraction(2) - Fraction(1, 2**40))).any()
-
-
-fractions = st.fractions(min_value=-5, max_value=5, max_denominator=6)
-roots = st.builds(
-    Root, fractions, st.sampled_from([-1, 0, 1]), st.fractions(min_value=0, max_value=9, max_denominator=4)
-)
-
-
-@given(roots, roots)
-def test_roots_compare_as_their_values_do(x: Root, y: Root) -> None:
-    x, y = (Root(r.q, r.sign, r.k if r.sign else Fraction(0)) for r in (x, y))
-    assert compare_roots(x, y) == -compare_roots(y, x)
-    assert compare_roots(x, x) == 0
-    if abs(x.approx() - y.approx()) > 1e-9:
-        assert compare_roots(x, y) == (1 if x.approx() > y.approx() else -1)
-
-
-def test_equal_roots_of_different_form_are_equal() -> None:
-    assert compare_roots(Root(Fraction(1), 1, Fraction(4)), Root(Fraction(3))) == 0
-    assert compare_roots(Root(Fraction(-1), 1, Fraction(8)), Root(Fraction(-1, 1), 1, Fraction(8))) == 0
-    # sqrt(8) - sqrt(2) = sqrt(2)
-    assert compare_roots(Root(Fraction(0), 1, Fraction(8)), Root(Fraction(0), -1, Fraction(2))) == 1
-    tiny = Fraction(1, 10**30)
-    assert compare_roots(Root(Fraction(1), 1, Fraction(2) + tiny), Root(Fraction(1), 1, Fraction(2))) == 1
-
-
-# --- crossings and faces
-
-
-@settings(deadline=None)
-@given(st.lists(st.tuples(*[st.integers(0, 4)] * 4), min_size=1, max_size=7))
-def test_crossings_agree_with_shapely(segments: list[tuple[int, int, int, int]]) -> None:
-    import shapely
-
-    proper = rows([min(s, (*s[2:], *s[:2])) for s in segments if s[:2] != s[2:]])
-    lines = [shapely.LineString([a, b]) for a, b in proper.reshape(-1, 2, 2)]
-    expected = set()
-    for i, p in enumerate(lines):
-        for j, q in enumerate(lines[:i]):
-            common = p.intersection(q)
-            ends = {tuple(c) for c in p.coords} & {tuple(c) for c in q.coords}
-            at_end = common.geom_type == "Point" and (common.x, common.y) in ends
-            if not (common.is_empty or at_end):
-                expected.add((j, i))
-    assert set(map(tuple, find_crossings(proper).tolist())) == expected
-
-
-@settings(deadline=None)
 @given(grids)
 def test_the_raw_boundary_has_one_free_face_for_each_component(states: np.ndarray) -> None:
     from scipy.ndimage import label
@@ -487,6 +413,7 @@ def test_the_raw_boundary_has_one_free_face_for_each_component(states: np.ndarra
     drawn = raw_cracks(OccupancyGrid.from_states(states, 0.05)).edges.astype(np.int64)
     _, free_components = label(np.pad(states, 1, constant_values=UNKNOWN) == FREE)
     _, other_components = label(np.pad(states, 1, constant_values=UNKNOWN) != FREE, np.ones((3, 3)))
+    drawn = drawn[(drawn[:, 4] // 3 == FREE) | (drawn[:, 4] % 3 == FREE)]
     if len(drawn):
         faces = find_faces(drawn[:, :4])
         left, right = drawn[:, 4] // 3, drawn[:, 4] % 3

@@ -21,7 +21,7 @@ from fleetmap.model.vectormap import FRONTIER_LABELS, HIDDEN_LABELS, OBSTACLE_LA
 from fleetmap.vectorize.verify_cells import GridCells
 from fleetmap.vectorize.verify_components import find_component_defects
 from fleetmap.vectorize.verify_cover import UNIT, first_gaps
-from fleetmap.vectorize.verify_faces import find_crossings, find_faces
+from fleetmap.vectorize.verify_faces import find_crossings, find_faces, find_states, set_apart
 
 KINDS = (
     ("obstacle", OBSTACLE_LABELS, FREE, OCCUPIED),
@@ -35,7 +35,8 @@ class Violation:
     """One broken promise.
 
     ``kind`` is ``uncovered`` (boundary of the grid without an edge near), ``astray`` (edge without boundary
-    near), ``crossing``, ``sides`` (a face that is free for one edge and not for another) or ``components``.
+    near), ``lost`` (an obstacle of which there is no edge), ``crossing``, ``sides`` (a face that has one state for
+    one edge and another for another), ``identity`` (cells in a face of another state) or ``components``.
     ``place_xy_m`` is in the submap's frame.
     """
 
@@ -76,12 +77,18 @@ def verify(
     """Check a vector map against the grid that it was made from.
 
     1. Every point of the boundary between free space and occupied (unknown) cells is at most epsilon away
-       from an obstacle (frontier) edge: ``uncovered``.
-    2. Every point of an edge is at most epsilon away from boundary of its own kind: ``astray``. For backs of
-       walls, which only this test is about, that is the boundary between occupied and unknown.
+       from an obstacle (frontier) edge: ``uncovered``. So is, but for the profile ``share``, every point of the
+       boundary between occupied and unknown from a hidden edge.
+    2. Every point of an edge is at most epsilon away from boundary of its own kind: ``astray``.
     3. Edges meet only at vertices: ``crossing``.
-    4. All edges agree which faces are free (``sides``), and the free faces are the components of free cells
-       (``components``; components are 4-connected, and specks are those of at most ``specks`` cells):
+    4. All edges agree which faces are free, occupied and unknown (``sides``). In ``share`` nothing separates what
+       is occupied from what is unknown: all edges agree which faces are free, and the hidden ones that hang together
+       what they enclose, with nothing but unknown space around them.
+    5. Cells whose centre is more than epsilon away from all cells of other states lie in a face of their state
+       (``identity``); in ``exact``, where epsilon is less than half a cell, these are all cells. In ``share``
+       occupied and unknown are one state here, and free cells are left to the next test.
+    6. The free faces are the components of free cells (``components``; components are 4-connected, and specks are
+       those of at most ``specks`` cells):
 
        a. Every component of free cells that is no speck lies in exactly one free face, the whole of it; only
           cells within epsilon of what is not free may lie elsewhere.
@@ -91,6 +98,9 @@ def verify(
           beside one: a hole in a wall is a violation. Nothing demands that components which meet at a corner
           share a face.
        c. A free face without such a component is where a free speck is, and each has a speck of its own.
+    7. Every obstacle, an 8-connected component of occupied cells, has a point of its boundary at most epsilon away
+       from an obstacle or hidden edge, or a cell in an occupied face: else it is ``lost``. In ``share``, where one
+       can't tell which specks have become occupied, specks that are not in a free face may connect obstacles.
 
     Epsilon is the map's own; a distance of exactly epsilon is legal. What lies outside of the grid is unknown.
     The grid may have any phase on the map's lattice: it stands at its true offset, in sixteenths of a cell.
@@ -99,9 +109,9 @@ def verify(
     ----------
     points : ``boundary`` tests the boundary as above. ``centres`` is the paper's reading, for obstacles alone:
         the points to be near are the centres of the occupied cells that touch a free one, if only by a
-        corner; each must be near an obstacle edge, and obstacle edges near such centres.
+        corner; each must be near an obstacle edge, and obstacle edges near such centres. 5. is left out.
     specks : free or unknown 4-connected components of at most so many cells may be missing from the map, or
-        have become anything in it; those that are missing are listed as ``dropped``
+        have become anything in it; those that are missing are listed as ``dropped``. In ``exact`` there are none.
 
     Raises
     ------
@@ -109,9 +119,11 @@ def verify(
     """
     if points not in ("boundary", "centres"):
         raise ConfigError(option="points", value=points, reason="expected 'boundary' or 'centres'")
-    cells = GridCells(grid, vector_map, specks)
+    share, exact = vector_map.profile == "share", vector_map.profile == "exact"
+    cells = GridCells(grid, vector_map, 0 if exact else specks)
     epsilon2 = Fraction(round(vector_map.epsilon_cells**2 * 2**20), 2**20)  # exactly 2 for sqrt(2)
     edges = vector_map.edges.astype(np.int64)
+    segments = edges[:, :4] * UNIT
     violations: list[Violation] = []
 
     def report(kind: str, at_yx: Iterable[NDArray[np.float64]], detail: str) -> None:
@@ -128,40 +140,77 @@ def verify(
         report(kind, start + gaps[bad, None] * (end - start), f"{detail} within {vector_map.epsilon_cells:.4g} cells")
 
     # 1. and 2. Distances, both ways, kind by kind.
-    edges_by_kind = {name: edges[np.isin(edges[:, 4], labels), :4] * UNIT for name, labels, _, _ in KINDS}
+    label = edges[:, 4]
+    edges_by_kind = {name: segments[(label == ab) | (label == ba)] for name, (ab, ba), _, _ in KINDS}
     for name, _, a, b in KINDS:
-        of_kind = edges_by_kind[name]
-        certain, possible = cells.boundary(a, b, certain=True), cells.boundary(a, b, certain=False)
         if points == "centres":
             if name != "obstacle":
                 continue
             certain = possible = cells.obstacle_centres()
-        if name != "hidden":
-            report_gaps("uncovered", f"no {name} edge", certain, of_kind)
-        report_gaps("astray", f"{name} edge without such a boundary", of_kind, possible)
+        else:
+            certain, possible = cells.boundary(a, b, certain=True), cells.boundary(a, b, certain=False)
+        if name != "hidden" or not share:
+            report_gaps("uncovered", f"no {name} edge", certain, edges_by_kind[name])
+        report_gaps("astray", f"{name} edge without such a boundary", edges_by_kind[name], possible)
 
-    # 3. Crossings.
+    # 3. Crossings; with them there are no faces to speak of.
     crossings = find_crossings(edges[:, :4])
-    report("crossing", edges[crossings[:, 0], :2].astype(np.float64), "edge meets another one beside a vertex")
+    report("crossing", edges[crossings[:, 1], :2].astype(np.float64), "edge meets another one beside a vertex")
 
-    # 4. Faces; with crossings there are none to speak of.
-    if len(crossings) == 0 and len(edges) > 0:
-        faces = find_faces(edges[:, :4])
-        beside = np.concatenate([faces.left, faces.right])
-        state = np.concatenate([edges[:, 4] // 3, edges[:, 4] % 3])
-        is_free = np.bincount(beside[state == FREE], minlength=faces.count) > 0
-        not_free = np.bincount(beside[state != FREE], minlength=faces.count) > 0
-        not_free[faces.outside] = True
-        for face in np.flatnonzero(is_free & not_free):
-            sides_free = np.flatnonzero((beside == face) & (state == FREE))
-            sides_not = np.flatnonzero((beside == face) & (state != FREE))
-            odd = sides_not if 0 < len(sides_not) < len(sides_free) else sides_free
-            detail = f"{len(sides_free)} edges have free space in this face, {len(sides_not)} others something else"
-            report("sides", edges[odd[:1] % len(edges), :2].astype(np.float64), detail)
-        if not (is_free & not_free).any():
-            for detail, place in find_component_defects(cells, edges[:, :4] * UNIT, faces, is_free):
-                report("components", [place], detail)
+    # 4. to 6. Faces.
+    in_state: NDArray[np.uint8] | None = None
+    if len(crossings) == 0:
+        defects, in_state = _find_face_defects(cells, edges, share=share, identity=points == "boundary")
+        for kind, place, detail in defects:
+            report(kind, [place], detail)
 
-    lost = cells.lost_specks(edges_by_kind["obstacle"], edges_by_kind["frontier"], epsilon2)
-    area_m2 = int(lost.sum()) * grid.resolution_m**2
-    return VerifyReport(tuple(violations), Dropped(len(lost), int(lost.sum()), area_m2))
+    # 7. Obstacles.
+    known = np.concatenate([edges_by_kind["obstacle"], edges_by_kind["hidden"]])
+    nowhere = np.zeros_like(cells.in_speck)
+    found = nowhere if in_state is None else in_state == OCCUPIED
+    also = nowhere
+    if share:
+        also = cells.in_speck if in_state is None else cells.in_speck & (in_state != FREE)
+    report("lost", cells.lost_obstacles(known, epsilon2, also=also, found=found), "no edge of this obstacle")
+
+    dropped = cells.dropped_specks(
+        {(a, b): edges_by_kind[name] for name, _, a, b in KINDS[: 2 if share else 3]}, epsilon2
+    )
+    area_m2 = int(dropped.sum()) * grid.resolution_m**2
+    return VerifyReport(tuple(violations), Dropped(len(dropped), int(dropped.sum()), area_m2))
+
+
+def _find_face_defects(
+    cells: GridCells, edges: NDArray[np.int64], *, share: bool, identity: bool
+) -> tuple[list[tuple[str, NDArray[np.float64], str]], NDArray[np.uint8] | None]:
+    """What is wrong with the faces of edges that don't cross, (kind, (y, x) in cells of the lattice, detail).
+
+    Beside it the state of the face that each cell's centre lies in, unless edges disagree about that.
+    """
+    left, right = np.divmod(edges[:, 4], 3)
+    by_cell = cells.states
+    found: list[tuple[str, NDArray[np.float64], str]] = []
+    if share:
+        hidden = np.flatnonzero((left != FREE) & (right != FREE))
+        _, odd = find_states(find_faces(set_apart(edges[hidden, :4])), left[hidden], right[hidden])
+        found += [("sides", edges[hidden[edge], :2].astype(np.float64), f"hidden {detail}") for edge, detail in odd]
+        left, right, by_cell = (np.where(s == FREE, s, UNKNOWN).astype(s.dtype) for s in (left, right, by_cell))
+    faces = find_faces(edges[:, :4])
+    states, odd = find_states(faces, left, right)
+    found += [("sides", edges[edge, :2].astype(np.float64), detail) for edge, detail in odd]
+    if odd:
+        return found, None
+
+    deep = cells.deep(by_cell)
+    segments = edges[:, :4] * UNIT
+    face_of = cells.faces_of_cells(segments, faces)
+    in_state = states.astype(np.uint8)[face_of]
+    if identity:
+        wrong = deep & (in_state != by_cell)
+        if share:
+            wrong &= by_cell != FREE
+        detail = "cells lie in a face of another state"
+        found += [("identity", place, detail) for place in cells.first_of_groups(wrong)]
+    for detail, place in find_component_defects(cells, segments, faces, states == FREE, face_of, deep):
+        found.append(("components", place, detail))
+    return found, in_state

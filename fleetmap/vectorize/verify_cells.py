@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,14 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import wrap
 from fleetmap.model.vectormap import VectorMap
-from fleetmap.vectorize.verify_cover import UNIT, first_gaps
+from fleetmap.vectorize.verify_cover import UNIT, Segments, find_touched_owners, first_gaps
 from fleetmap.vectorize.verify_faces import Faces
 
 PHASES = 16
 """A grid's true offset from the lattice counts in sixteenths of a cell."""
 
-Segments = NDArray[np.int64]
-"""(n, 4) rows (y0, x0, y1, x1) in 1/32 cells of the map's lattice."""
+SPECK = 3
+"""Instead of a state where a speck may have become any."""
 
 
 class GridCells:
@@ -35,36 +34,35 @@ class GridCells:
         from scipy.ndimage import label
 
         self.epsilon_cells = vector_map.epsilon_cells
-        self.states: NDArray[np.uint8] = np.pad(grid.states_yx(), 1, constant_values=UNKNOWN)
+        self.states: NDArray[np.uint8] = np.full((grid.height + 2, grid.width + 2), UNKNOWN, np.uint8)
+        self.states[1:-1, 1:-1] = grid.states_yx()
         self.origin_yx = _place_on_lattice(grid, vector_map) - UNIT  # of the rim's lower left corner
-        free_labels, self.free_count = label(self.states == FREE)
-        unknown_labels, unknown_count = label(self.states == UNKNOWN)
         # All components in one numbering, the free ones first; 0 is occupied.
-        self.labels: NDArray[np.int64] = np.where(
-            unknown_labels > 0, unknown_labels.astype(np.int64) + self.free_count, free_labels
-        )
+        self.labels, self.free_count = label(self.states == FREE)
+        unknown = self.states == UNKNOWN
+        unknown_labels, unknown_count = label(unknown)
+        self.labels[unknown] = unknown_labels[unknown] + self.free_count
         self.sizes: NDArray[np.int64] = np.bincount(self.labels.ravel(), minlength=1 + self.free_count + unknown_count)
-        is_speck = self.sizes <= specks
-        is_speck[0] = is_speck[self.labels[0, 0]] = False  # neither the walls nor the outside
-        self.speck: NDArray[np.int64] = np.where(is_speck[self.labels], self.labels, 0)
+        self.is_speck: NDArray[np.bool_] = self.sizes <= specks
+        self.is_speck[0] = self.is_speck[self.labels[0, 0]] = False  # neither the walls nor the outside
+        self.in_speck: NDArray[np.bool_] = self.is_speck[self.labels]
 
     def boundary(self, a: int, b: int, *, certain: bool) -> Segments:
         """Where state ``a`` meets state ``b``, as maximal straight runs.
 
         ``certain`` leaves out the boundary of specks; else they count as every state at once.
         """
-        in_speck = self.speck > 0
-        is_a, is_b = (
-            (self.states == state) & ~in_speck if certain else (self.states == state) | in_speck for state in (a, b)
-        )
-        runs = []
-        for axis in (0, 1):
-            low, high = _neighbours(is_a, axis), _neighbours(is_b, axis)
-            meets = (low[0] & high[1]) | (low[1] & high[0])
-            speck0, speck1 = _neighbours(self.speck, axis)
-            meets &= (speck0 != speck1) | (speck0 == 0)  # a speck becomes one thing as a whole
-            runs.append(self._runs(meets, axis))
-        return np.concatenate(runs)
+        from fleetmap.vectorize.verify_cells_kernels import list_runs
+
+        is_a, is_b = self.states == a, self.states == b
+        has_specks = self.is_speck.any()
+        if has_specks and certain:
+            is_a, is_b = is_a & ~self.in_speck, is_b & ~self.in_speck
+        elif has_specks:
+            is_a, is_b = is_a | self.in_speck, is_b | self.in_speck
+        apart = bool(has_specks and not certain)  # a speck becomes one thing as a whole
+        runs = list_runs(is_a.view(np.uint8), is_b.view(np.uint8), self.labels, apart, UNIT)
+        return runs + np.tile(self.origin_yx, 2)
 
     def obstacle_centres(self) -> Segments:
         """The centres of the occupied cells that touch a free cell by a side or corner, as segments of no length."""
@@ -74,82 +72,90 @@ class GridCells:
         centres = np.argwhere(touches) * UNIT + UNIT // 2 + self.origin_yx
         return np.concatenate([centres, centres], axis=1)
 
-    def lost_specks(self, obstacles: Segments, frontiers: Segments, epsilon2: Fraction) -> NDArray[np.int64]:
-        """Sizes in cells of the specks whose boundary is not all within epsilon of the edges of its kind."""
-        lost = np.zeros(len(self.sizes), bool)
-        for other, edges in ((OCCUPIED, obstacles), (UNKNOWN, frontiers)):
-            cracks, owners = [], []
-            for axis in (0, 1):
-                state0, state1 = _neighbours(self.states, axis)
-                meets = ((state0 == FREE) & (state1 == other)) | ((state0 == other) & (state1 == FREE))
-                for speck in _neighbours(self.speck, axis):
-                    place = np.argwhere(meets & (speck > 0))
-                    cracks.append(self._cracks(place, axis))
-                    owners.append(speck[tuple(place.T)])
-            gaps = first_gaps(np.concatenate(cracks), edges, epsilon2)
-            lost[np.concatenate(owners)[~np.isnan(gaps)]] = True
-        return self.sizes[lost]
+    def dropped_specks(self, edges_by_pair: dict[tuple[int, int], Segments], epsilon2: Fraction) -> NDArray[np.int64]:
+        """Sizes in cells of the specks whose boundary is not all within epsilon of the edges of its kind.
 
-    def faces_of_cells(self, edges: Segments, faces: Faces) -> NDArray[np.int64]:
+        ``edges_by_pair`` holds the edges between the states (a, b) of each kind.
+        """
+        missing = np.zeros(len(self.sizes), bool)
+        if self.is_speck.any():
+            for (a, b), edges in edges_by_pair.items():
+                cracks, owners = self.cracks_between(self.states, (a, b), self.labels, self.in_speck)
+                missing[owners[~np.isnan(first_gaps(cracks, edges, epsilon2))]] = True
+        return self.sizes[missing]
+
+    def lost_obstacles(
+        self, edges: Segments, epsilon2: Fraction, *, also: NDArray[np.bool_], found: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """Where obstacles are that have no edge within epsilon of their boundary.
+
+        Parameters
+        ----------
+        also : cells of specks that may have become part of one: obstacles are 8-connected components of occupied
+            cells and these
+        found : cells of which one suffices to say that the map has the obstacle
+
+        Returns
+        -------
+        (n, 2) centres (y, x) of the obstacles' first cells, in cells of the lattice
+        """
+        from scipy.ndimage import label
+
+        occupied = self.states == OCCUPIED
+        labels, count = label(occupied | also, np.ones((3, 3)))
+        cracks, owners = self.cracks_between(occupied.view(np.uint8), (0, 1), labels, occupied)
+        known = find_touched_owners(cracks, owners, count + 1, edges, epsilon2)
+        known[labels[found & occupied]] = True
+        known[0] = True
+        return self.first_places(np.where(known[labels] | ~occupied, 0, labels))
+
+    def faces_of_cells(self, edges: Segments, faces: Faces) -> NDArray[np.int32]:
         """The face that each cell's centre lies in, (height + 2, width + 2); on an edge, either one's."""
-        height, width = self.states.shape
+        from fleetmap.vectorize.verify_cells_kernels import fill_cells
+
+        result = np.empty(self.states.shape, np.int32)
         first_y, first_x = (self.origin_yx + UNIT // 2).tolist()
-        # Every edge crosses the rows of centres with y0 <= y < y1. East of it is its right face.
-        y0, x0, y1, x1 = edges.T
-        low, high = (np.clip(-((first_y - y) // UNIT), 0, height) for y in (y0, y1))
-        edge = np.repeat(np.arange(len(edges)), high - low)
-        row = np.arange(len(edge)) - np.repeat(np.cumsum(high - low) - (high - low), high - low) + low[edge]
-        slope = (x1 - x0)[edge] / (y1 - y0)[edge]
-        column = (x0[edge] + (first_y + UNIT * row - y0[edge]) * slope - first_x) / UNIT
-        order = np.lexsort((slope, column, row))
-        # One key for row and column, a row's crossings kept within its own range.
-        span = width + 2.0
-        keys = (row * span + np.clip(column, -1, width))[order]
-        cells = np.arange(height)[:, None] * span + np.arange(width)
-        before = np.searchsorted(keys, cells.ravel(), side="right").reshape(cells.shape) - 1
-        face_east, row_of = np.append(faces.right[edge[order]], faces.outside), np.append(row[order], -1)
-        same_row = row_of[before] == np.arange(height)[:, None]
-        return np.where(same_row, face_east[before], faces.outside)
+        right = np.ascontiguousarray(faces.right)
+        fill_cells(np.ascontiguousarray(edges), right, faces.outside, first_y, first_x, UNIT, result)
+        return result
 
-    def near_others(self) -> NDArray[np.bool_]:
-        """Which cells have their centre at most epsilon away from a cell that is not free."""
-        from scipy.ndimage import maximum_filter1d
+    def deep(self, kinds: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Which cells have their centre more than epsilon away from all cells of other kinds, and are no specks.
 
-        others = (self.states != FREE).view(np.uint8)
-        near: NDArray[np.bool_] = np.zeros(others.shape, bool)
-        height = len(others)
-        reach = min(math.floor(self.epsilon_cells + 0.5 + 1e-9), height - 1)
-        for dy in range(-reach, reach + 1):
-            # From a centre to a cell that is n > 0 rows or columns away it is n - 1/2 cells.
-            across2 = self.epsilon_cells**2 - max(abs(dy) - 0.5, 0) ** 2
-            widest = math.floor(math.sqrt(max(across2, 0)) + 0.5 + 1e-9)
-            spread = maximum_filter1d(others, 2 * widest + 1, axis=1, mode="constant", cval=1)
-            near[max(dy, 0) : height + min(dy, 0)] |= spread[max(-dy, 0) : height - max(dy, 0)] > 0
-        return near
+        ``kinds`` is as ``states``, and may tell fewer apart.
+        """
+        from fleetmap.vectorize.verify_cells_kernels import find_deep
 
-    def _runs(self, meets: NDArray[np.bool_], axis: int) -> Segments:
-        """Maximal straight runs of cracks; ``meets[i, j]``: between cell (i, j) and its neighbour along ``axis``."""
-        lines = meets if axis == 0 else meets.T
-        steps = np.diff(np.pad(lines, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        line, start = np.nonzero(steps == 1)
-        _, end = np.nonzero(steps == -1)
-        across = line + 1
-        corners = np.column_stack([across, start, across, end] if axis == 0 else [start, across, end, across])
-        return corners * UNIT + np.tile(self.origin_yx, 2)
+        kinds = np.where(self.in_speck, np.uint8(SPECK), kinds)
+        # From a centre to a cell that is n > 0 rows or columns away it is n - 1/2 cells.
+        reach = []
+        for dy in range(math.floor(self.epsilon_cells + 0.5 + 1e-9) + 1):
+            across2 = self.epsilon_cells**2 - max(dy - 0.5, 0) ** 2
+            reach.append(math.floor(math.sqrt(max(across2, 0)) + 0.5 + 1e-9))
+        deep: NDArray[np.bool_] = find_deep(kinds, np.array(reach, np.int64)) > 0
+        return deep & ~self.in_speck
 
-    def _cracks(self, place: NDArray[np.int64], axis: int) -> Segments:
-        """The unit segments between the cells at ``place``, (n, 2), and their neighbours along ``axis``."""
-        first = place + ((1, 0) if axis == 0 else (0, 1))
-        last = first + ((0, 1) if axis == 0 else (1, 0))
-        return np.concatenate([first, last], axis=1) * UNIT + np.tile(self.origin_yx, 2)
+    def first_places(self, labels: NDArray[np.int32]) -> NDArray[np.float64]:
+        """(n, 2) centres (y, x), in cells of the lattice, of the first cell of each label but 0."""
+        y, x = np.nonzero(labels)
+        _, first = np.unique(labels[y, x], return_index=True)
+        places: NDArray[np.float64] = np.column_stack([y[first], x[first]]) + 0.5 + self.origin_yx / UNIT
+        return places
 
+    def first_of_groups(self, cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """(n, 2) as ``first_places``, for each group of these cells that hang together."""
+        from scipy.ndimage import label
 
-Scalar = TypeVar("Scalar", bound=np.generic)
+        return self.first_places(label(cells)[0]) if cells.any() else np.zeros((0, 2))
 
+    def cracks_between(
+        self, states: NDArray[np.uint8], pair: tuple[int, int], labels: NDArray[np.int32], mine: NDArray[np.bool_]
+    ) -> tuple[Segments, NDArray[np.int64]]:
+        """Units of boundary between two states of which one side is ``mine``, and the label of that side."""
+        from fleetmap.vectorize.verify_cells_kernels import list_cracks
 
-def _neighbours(cells: NDArray[Scalar], axis: int) -> tuple[NDArray[Scalar], NDArray[Scalar]]:
-    """Each cell but the last along ``axis``, and the one after it."""
-    return (cells[:-1], cells[1:]) if axis == 0 else (cells[:, :-1], cells[:, 1:])
+        cracks, owners = list_cracks(states, *pair, labels, mine.view(np.uint8), UNIT)
+        return cracks + np.tile(self.origin_yx, 2), owners
 
 
 def _place_on_lattice(grid: OccupancyGrid, vector_map: VectorMap) -> NDArray[np.int64]:

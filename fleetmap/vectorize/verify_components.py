@@ -8,25 +8,34 @@ near it that no other component is in: the question is whether some assignment k
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.lattice import OCCUPIED
+from fleetmap.model.lattice import FREE, OCCUPIED
 from fleetmap.vectorize.verify_cells import GridCells
-from fleetmap.vectorize.verify_cover import UNIT
+from fleetmap.vectorize.verify_cover import UNIT, Segments
 from fleetmap.vectorize.verify_faces import Faces
+from fleetmap.vectorize.verify_reach import match, most, pairs_cut, pairs_that_fit, pairs_within_reach, ranges
 
 Defects = list[tuple[str, NDArray[np.float64]]]
 """What is wrong, and where: (y, x) in cells of the lattice."""
+
+MOST_TRIES = 200
+"""So many other assignments of thin components are tried where the first one has defects."""
 
 SETTLE_ROUNDS = 4
 """A thin component that finds its face may show the way to the next one; so often is enough for real maps."""
 
 
 def find_component_defects(
-    cells: GridCells, edges: NDArray[np.int64], faces: Faces, is_free: NDArray[np.bool_]
+    cells: GridCells,
+    edges: Segments,
+    faces: Faces,
+    is_free: NDArray[np.bool_],
+    face_of: NDArray[np.int32],
+    deep: NDArray[np.bool_],
 ) -> Defects:
     """Find components of free cells and free faces that don't correspond.
 
@@ -37,46 +46,63 @@ def find_component_defects(
 
     Parameters
     ----------
-    edges : (n, 4) rows (y0, x0, y1, x1) in 1/32 cells of the lattice
     is_free : (faces.count,) which faces are free
+    face_of : (height + 2, width + 2) the face that each cell's centre lies in
+    deep : (height + 2, width + 2) cells more than epsilon away from those of other states
     """
-    components = _Components(cells, edges, faces, is_free)
+    components = _Components(cells, edges, faces, is_free, face_of, deep)
     split, deep_face = components.follow_deep_cells()
     by_share = components.add_thin(deep_face)
-    defects = components.defects_of(components.settle(by_share))
+    defects = components.defects_of(by_share)
     if defects:
-        matched = components.settle(components.match_thin(deep_face, by_share))
-        defects = min(defects, components.defects_of(matched), key=len)
+        # Components without deep cells, and specks, may belong to any face near them: mostly that is not needed. Those
+        # that fit are tried first, since there are fewer.
+        within = pairs_within_reach(cells, edges, faces, is_free, components.face, components.is_thin)
+        fitting = pairs_that_fit(cells, edges, faces, is_free, components.is_thin, within)
+        components.open_specks(pairs_cut(cells, edges, faces, is_free), within)
+        for near in (fitting, within):
+            components.near = near
+            if defects:
+                settled = components.settle(by_share)
+                defects = min(defects, components.repair(settled), key=len)
     return split + defects
 
 
 class _Components:
     """Components by their labels in ``GridCells``, and the free face (or -1) that each cell's centre lies in."""
 
-    def __init__(self, cells: GridCells, edges: NDArray[np.int64], faces: Faces, is_free: NDArray[np.bool_]) -> None:
-        self.cells, self.is_free = cells, is_free
-        face = cells.faces_of_cells(edges, faces)
-        self.face: NDArray[np.int64] = np.where(is_free[face], face, -1)
-        self.is_speck: NDArray[np.bool_] = np.zeros(len(cells.sizes), bool)
-        self.is_speck[cells.speck.ravel()] = True
-        self.is_speck[0] = False
+    def __init__(
+        self,
+        cells: GridCells,
+        edges: Segments,
+        faces: Faces,
+        is_free: NDArray[np.bool_],
+        face_of: NDArray[np.int32],
+        deep: NDArray[np.bool_],
+    ) -> None:
+        self.cells, self.faces, self.is_free = cells, faces, is_free
+        self.face: NDArray[np.int32] = np.where(is_free, np.arange(faces.count), -1).astype(np.int32)[face_of]
         number = np.arange(len(cells.sizes))
-        self.is_free_speck = self.is_speck & (number <= cells.free_count)
-        self.must_keep = ~self.is_speck & (number > 0) & (number <= cells.free_count)
-        self.deep: NDArray[np.bool_] = self.must_keep[cells.labels] & ~cells.near_others()
+        self.is_free_speck = cells.is_speck & (number <= cells.free_count)
+        self.must_keep = ~cells.is_speck & (number > 0) & (number <= cells.free_count)
+        self.deep = deep & (cells.states == FREE)  # no specks among them
+        self.deep_pairs, self.deep_counts = self._pairs_in(self.deep)
         self.is_thin = self.must_keep.copy()
-        self.is_thin[cells.labels[self.deep]] = False
-        self.near = self._near(edges, faces)
-        became = (cells.speck > 0) & (self.face >= 0)
-        self.opened = _unique_pairs(cells.speck[became], self.face[became], faces.count)
+        self.is_thin[self.deep_pairs[:, 0]] = False
+        self.thin_pairs, self.thin_counts = self._pairs_in(self.is_thin[cells.labels] & (self.face >= 0))
+        self.opened, _ = self._pairs_in(cells.in_speck & (self.face >= 0))
+        self.near = np.concatenate([self.thin_pairs, self.opened])
+        self.near = self.near[np.argsort(self.near[:, 0], kind="stable")]
+        """(n, 2) (component, free face) that are within reach, for thin components and specks."""
+        self.vertex_of: NDArray[np.float64] = np.zeros((faces.count, 2))
+        """(faces.count, 2) a vertex (y, x) of each free face, in cells of the lattice."""
+        self.vertex_of[faces.left] = self.vertex_of[faces.right] = edges[:, :2] / UNIT
         self.links = self._links()
 
     def follow_deep_cells(self) -> tuple[Defects, NDArray[np.int64]]:
         """Components whose deep cells are not all in one free face, and (labels,) the face of each, -1 without."""
-        pairs, counts = np.unique(
-            np.column_stack([self.cells.labels[self.deep], self.face[self.deep]]), axis=0, return_counts=True
-        )
-        face_of = _most(pairs, counts, len(self.is_speck))
+        pairs = self.deep_pairs
+        face_of = most(pairs, self.deep_counts, len(self.must_keep))
         defects: Defects = []
         for component, face in pairs[face_of[pairs[:, 0]] != pairs[:, 1]].tolist():
             here = self.deep & (self.cells.labels == component) & (self.face == face)
@@ -90,36 +116,15 @@ class _Components:
 
     def add_thin(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
         """Assign each thin component to the face that has most of its cells, if any has."""
-        thin = self.is_thin[self.cells.labels] & (self.face >= 0)
-        pairs, counts = np.unique(
-            np.column_stack([self.cells.labels[thin], self.face[thin]]), axis=0, return_counts=True
-        )
-        return np.where(self.is_thin, _most(pairs, counts, len(face_of)), face_of)
+        return np.where(self.is_thin, most(self.thin_pairs, self.thin_counts, len(face_of)), face_of)
 
-    def match_thin(self, face_of: NDArray[np.int64], by_share: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Assign thin components to faces near them so that as few faces as may be have nothing of their own.
-
-        Those that meet count as one, since they may share a face; with deep cells among them they need none.
-        """
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        size = len(face_of)
-        links = self.links[(self.must_keep | self.is_free_speck)[self.links].all(axis=1)]
-        graph = coo_array((np.ones(len(links), bool), tuple(links.T)), shape=(size, size))
-        group = connected_components(graph, directed=False)[1].astype(np.int64)
-        may_match = np.zeros(size, bool)
-        may_match[group[self.is_thin | self.is_free_speck]] = True
-        may_match[group[self.must_keep & ~self.is_thin]] = False
-        needy = self.is_free.copy()
-        needy[face_of[face_of >= 0]] = False
-        matched = _match(
-            np.unique(np.column_stack([group[self.near[:, 0]], self.near[:, 1]]), axis=0), needy, may_match
-        )
-        takes = self.near[self.is_thin[self.near[:, 0]] & (matched[group[self.near[:, 0]]] == self.near[:, 1])]
-        result = by_share.copy()
-        result[takes[:, 0]] = takes[:, 1]
-        return result
+    def open_specks(self, cut: NDArray[np.int64], within: NDArray[np.int64]) -> None:
+        """Let specks connect also where a part of them is in the face, or where they may be, beside thin components."""
+        beside_thin = np.zeros(len(self.is_thin), bool)
+        for a, b in ((0, 1), (1, 0)):
+            beside_thin[self.links[self.is_thin[self.links[:, a]], b]] = True
+        maybe = within[(beside_thin & self.cells.is_speck)[within[:, 0]]]
+        self.opened = np.unique(np.concatenate([self.opened, cut, maybe]), axis=0)
 
     def settle(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
         """Move thin components that are connected to nothing in their face to one near them where they are.
@@ -138,13 +143,80 @@ class _Components:
             is_fixed = np.isin(nodes[:, 0], fixed)
             company = np.bincount(part, self.cells.sizes[nodes[:, 0]] * is_fixed).astype(np.int64)[part]
             options = loose[nodes[:, 0]] & (company > 0)
-            moved = _most(nodes[options], company[options], len(face_of))
+            moved = most(nodes[options], company[options], len(face_of))
             alone = loose & (moved < 0)
             needy = self.is_free.copy()
             needy[face_of[fixed]] = False
-            moved[alone] = _match(self.near, needy, alone)[alone]
+            taken = self._match_groups(needy, alone)
+            moved[alone] = taken[alone]
             face_of[moved >= 0] = moved[moved >= 0]
         return face_of
+
+    def _match_groups(self, needy: NDArray[np.bool_], alone: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """(labels,) needy faces for components that are alone; those that meet count as one, and share what is near."""
+        from fleetmap.vectorize.verify_faces_kernels import join_all
+
+        group = join_all(self.links[alone[self.links].all(axis=1)], len(alone))
+        near = self.near[alone[self.near[:, 0]]]
+        pairs = np.unique(np.column_stack([group[near[:, 0]], near[:, 1]]), axis=0)
+        matched = match(pairs, needy, alone)
+        takes = near[matched[group[near[:, 0]]] == near[:, 1]]
+        taken = np.full(len(alone), -1, np.int64)
+        taken[takes[:, 0]] = takes[:, 1]
+        return taken
+
+    def repair(self, face_of: NDArray[np.int64]) -> Defects:
+        """What is wrong after thin components have changed their faces, one or some at a time, wherever that helps."""
+        defects = self.defects_of(face_of)
+        tries = 0
+        improved = True
+        while defects and improved and tries < MOST_TRIES:
+            improved = False
+            for trial in self._moves(face_of):
+                tries += 1
+                now = self.defects_of(trial)
+                improved = len(now) < len(defects)
+                if improved:
+                    face_of, defects = trial, now
+                if improved or tries >= MOST_TRIES:
+                    break
+        return defects
+
+    def _moves(self, face_of: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+        """Assignments in which a face that has none takes a thin component near it, and that one's face another one.
+
+        And so on, until a face has more than one, or the component was nowhere. Also those in which a component
+        leaves a face whose components are not connected.
+        """
+        kept = self.must_keep & (face_of >= 0)
+        many = np.bincount(face_of[kept], minlength=len(self.is_free)) > 1
+        near_face: dict[int, list[int]] = {}
+        for component, face in self.near[self.is_thin[self.near[:, 0]]].tolist():
+            near_face.setdefault(face, []).append(component)
+        for needy in np.flatnonzero(self._needy(face_of)).tolist():
+            seen = {needy}
+            queue: list[tuple[int, dict[int, int]]] = [(needy, {})]
+            for face, path in queue:  # it grows
+                for component in near_face.get(face, []):
+                    source = int(face_of[component])
+                    if source in seen or component in path:
+                        continue
+                    moves = path | {component: face}
+                    if source < 0 or many[source]:
+                        trial = face_of.copy()
+                        trial[list(moves)] = list(moves.values())
+                        yield trial
+                    if source >= 0:
+                        seen.add(source)
+                        queue.append((source, moves))
+        torn = np.zeros(len(self.is_free), bool)
+        torn[face_of[self._strays(face_of)]] = True
+        for component, face in self.near[self.is_thin[self.near[:, 0]]].tolist():
+            source = face_of[component]
+            if source >= 0 and torn[source] and face != source:
+                trial = face_of.copy()
+                trial[component] = face
+                yield trial
 
     def defects_of(self, face_of: NDArray[np.int64]) -> Defects:
         """What is wrong if components that must be kept are in the faces ``face_of``, (labels,)."""
@@ -153,18 +225,25 @@ class _Components:
         defects: Defects = [(detail, self._place_of(component)) for component in nowhere]
         detail = "a component of free cells shares a face with others that it is not connected to"
         defects += [(detail, self._place_of(component)) for component in self._strays(face_of).tolist()]
-        # Faces that must have come from free specks.
+        detail = "a free face without free cells of its own"
+        defects += [(detail, self.vertex_of[face]) for face in np.flatnonzero(self._needy(face_of))]
+        return defects
+
+    def _needy(self, face_of: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(faces.count,) free faces without a component or a free speck that they may have come from."""
         needy = self.is_free.copy()
         needy[face_of[self.must_keep & (face_of >= 0)]] = False
-        needy[self.face[self.deep & (self.face >= 0)]] = False  # they are told of where components are split
-        served = _match(self.near, needy, self.is_free_speck)
+        told = self.deep_pairs[:, 1]
+        needy[told[told >= 0]] = False  # they are told of where components are split
+        served = match(self.near, needy, self.is_free_speck)
         needy[served[served >= 0]] = False
-        defects += [("a free face without free cells of its own", self.vertex_of[f]) for f in np.flatnonzero(needy)]
-        return defects
+        return needy
 
     def _strays(self, face_of: NDArray[np.int64]) -> NDArray[np.int64]:
         """The components that are not connected, within their face, to the largest part of what is there."""
         kept = np.flatnonzero(self.must_keep & (face_of >= 0))
+        if np.bincount(face_of[kept]).max(initial=0) < 2:
+            return np.zeros(0, np.int64)
         nodes, part = self._connect(kept, face_of, np.zeros_like(self.is_thin))
         is_kept = self.must_keep[nodes[:, 0]]
         nodes, part = nodes[is_kept], part[is_kept]
@@ -182,56 +261,24 @@ class _Components:
 
         ``kept`` ones are in their faces, free specks and ``loose`` ones in each that is near them.
         """
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
+        from fleetmap.vectorize.verify_faces_kernels import join_all
 
+        count = len(self.is_free)
         near = self.near[(self.is_free_speck | loose)[self.near[:, 0]]]
-        nodes = np.unique(np.concatenate([np.column_stack([kept, face_of[kept]]), self.opened, near]), axis=0)
+        keys = np.unique(np.concatenate([kept * count + face_of[kept], self.opened @ [count, 1], near @ [count, 1]]))
+        nodes = np.column_stack([keys // count, keys % count])
         if len(nodes) == 0:
             return nodes, np.zeros(0, np.int64)
-        keys = nodes[:, 0] * len(self.is_free) + nodes[:, 1]
         first, last = (np.searchsorted(nodes[:, 0], self.links[:, 0], side) for side in ("left", "right"))
-        tail = _ranges(first, last)
-        wanted = np.repeat(self.links[:, 1], last - first) * len(self.is_free) + nodes[tail, 1]
+        tail = ranges(first, last)
+        wanted = np.repeat(self.links[:, 1], last - first) * count + nodes[tail, 1]
         head = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
         linked = keys[head] == wanted
-        graph = coo_array(
-            (np.ones(np.count_nonzero(linked), bool), (tail[linked], head[linked])), shape=(len(nodes), len(nodes))
-        )
-        return nodes, connected_components(graph, directed=False)[1].astype(np.int64)
-
-    def _near(self, edges: NDArray[np.int64], faces: Faces) -> NDArray[np.int64]:
-        """(n, 2) ascending (component, free face) that are within reach, for thin components and specks."""
-        reach = math.ceil(self.cells.epsilon_cells) + 1
-        wanted = self.is_speck | self.is_thin
-        labels = np.pad(np.where(wanted[self.cells.labels], self.cells.labels, 0), reach)
-        face = np.pad(self.face, reach, constant_values=-1)
-        # A face may be too thin for the centre of any cell, so the cells along its edges count as well.
-        beside = np.concatenate([faces.left, faces.right])
-        both = np.tile(edges, (2, 1))[self.is_free[beside]]
-        beside = beside[self.is_free[beside]]
-        self.vertex_of: NDArray[np.float64] = np.zeros((faces.count, 2))
-        self.vertex_of[beside] = both[:, :2] / UNIT
-        steps = np.abs(both[:, 2:] - both[:, :2]).max(axis=1) // UNIT
-        which = np.repeat(np.arange(len(both)), steps + 1)
-        along = (_ranges(np.zeros_like(steps), steps + 1) / steps[which])[:, None]
-        points = both[which, :2] + along * (both[which, 2:] - both[which, :2])
-        place = np.floor((points - self.cells.origin_yx) / UNIT).astype(np.int64)
-        py, px = np.clip(place, 0, np.array(self.face.shape) - 1).T + reach
-        py, px, at_edge = np.unique(np.stack([py, px, beside[which]]), axis=1)
-
-        y, x = np.nonzero(labels)
-        found = [np.zeros((0, 2), np.int64)]
-        for dy in range(-reach, reach + 1):
-            for dx in range(-reach, reach + 1):
-                found.append(_unique_pairs(labels[y, x], face[y + dy, x + dx], faces.count))
-                found.append(_unique_pairs(labels[py + dy, px + dx], at_edge, faces.count))
-        pairs = np.unique(np.concatenate(found), axis=0)
-        return pairs[pairs[:, 0] > 0]
+        return nodes, join_all(np.column_stack([tail[linked], head[linked]]), len(nodes))
 
     def _links(self) -> NDArray[np.int64]:
         """(n, 2) components, specks among them, that meet: at a side, or at a corner without an occupied cell."""
-        labels = np.where((self.must_keep | self.is_speck)[self.cells.labels], self.cells.labels, 0)
+        labels = np.where((self.must_keep | self.cells.is_speck)[self.cells.labels], self.cells.labels, 0)
         open_ = self.cells.states != OCCUPIED
         # Corners: both other cells open. The last two are the corners' own.
         both = open_[:-1, 1:] & open_[1:, :-1]
@@ -245,8 +292,18 @@ class _Components:
         found = []
         for a, b, may in meetings:
             meet = (a != b) & (a > 0) & (b > 0) & may
-            found.append(np.column_stack([a[meet], b[meet]]))
-        return np.unique(np.concatenate(found), axis=0)
+            found.append(a[meet].astype(np.int64) * len(self.must_keep) + b[meet])
+        keys = np.unique(np.concatenate(found))
+        return np.column_stack([keys // len(self.must_keep), keys % len(self.must_keep)])
+
+    def _pairs_in(self, where: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """(n, 2) the different (component, face or -1) of some cells, and how many cells each has."""
+        size = self.faces.count + 1
+        keys = self.cells.labels[where].astype(np.int64) * size + self.face[where] + 1
+        first = np.flatnonzero(np.diff(keys, prepend=-1))  # neighbours are mostly alike: sort runs, not cells
+        pairs, run = np.unique(keys[first], return_inverse=True)
+        counts = np.bincount(run, np.diff(first, append=len(keys)), minlength=len(pairs)).astype(np.int64)
+        return np.column_stack([pairs // size, pairs % size - 1]), counts
 
     def _place_of(self, component: int) -> NDArray[np.float64]:
         return self._place(self.cells.labels == component)
@@ -255,36 +312,3 @@ class _Components:
         """The centre of the first of these cells."""
         place: NDArray[np.float64] = (np.argwhere(here)[0] * UNIT + UNIT // 2 + self.cells.origin_yx) / UNIT
         return place
-
-
-def _unique_pairs(components: NDArray[np.int64], faces: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """(n, 2) the different pairs with a face >= 0; ``count`` is more than any face."""
-    key = np.unique((components * count + faces)[faces >= 0])
-    return np.column_stack([key // count, key % count])
-
-
-def _most(pairs: NDArray[np.int64], counts: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """(size,) for each component in (component, face) the face >= 0 that counts most, -1 for others."""
-    face_of = np.full(size, -1, np.int64)
-    order = np.argsort(counts, kind="stable")
-    order = order[pairs[order, 1] >= 0]
-    face_of[pairs[order, 0]] = pairs[order, 1]  # the last one stays
-    return face_of
-
-
-def _match(pairs: NDArray[np.int64], faces: NDArray[np.bool_], components: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(labels,) the face, or -1, of each component in a largest matching by the (component, face) allowed."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import maximum_bipartite_matching
-
-    component, face = pairs[components[pairs[:, 0]] & faces[pairs[:, 1]]].T
-    graph = csr_array((np.ones(len(face), bool), (component, face)), shape=(len(components), len(faces)))
-    matched: NDArray[np.int64] = maximum_bipartite_matching(graph, perm_type="column").astype(np.int64)
-    return matched
-
-
-def _ranges(first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
-    """All whole numbers of each range, one range after the other."""
-    length = last - first
-    step: NDArray[np.int64] = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
-    return step + np.repeat(first, length)

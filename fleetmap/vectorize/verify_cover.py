@@ -2,8 +2,8 @@
 
 The points within epsilon of a segment form a stadium. It is convex, so it cuts an interval out of any other
 segment, and the question is whether those intervals cover it. Their ends are of the form q + sqrt(k) with
-rational q and k. Floats with a slightly smaller and a slightly larger epsilon settle nearly all segments; the
-rest, among them all whose distance is epsilon itself, are settled by exact comparison.
+rational q and k. Nearly always one stadium holds both ends of the segment, which is a question of integers, or
+floats with a slightly larger epsilon leave a gap. The rest is settled by exact comparison.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from numpy.typing import NDArray
 UNIT = 32
 """Coordinates are whole 1/32 cells here: grids lie on sixteenths of the lattice, and cell centres halve those."""
 
-MARGIN = 1e-6
-"""Relative change of epsilon for the float tests: far above rounding, which is below 1e-12 cells."""
+Segments = NDArray[np.int64]
+"""(n, 4) rows (y0, x0, y1, x1) in 1/32 cells of the map's lattice; both ends may be one point."""
 
 
-def first_gaps(segments: NDArray[np.int64], others: NDArray[np.int64], epsilon2: Fraction) -> NDArray[np.float64]:
+def first_gaps(segments: Segments, others: Segments, epsilon2: Fraction) -> NDArray[np.float64]:
     """Find where each segment first leaves the neighbourhood of all others.
 
     Parameters
     ----------
-    segments, others : (n, 4), (m, 4) rows (y0, x0, y1, x1) in 1/32 cells; both ends may be one point
     epsilon2 : square of epsilon, in cells
 
     Returns
@@ -36,103 +35,49 @@ def first_gaps(segments: NDArray[np.int64], others: NDArray[np.int64], epsilon2:
     (n,) float64 : NaN where every point of the segment is at most epsilon away from some other one, which is
         decided exactly; else how far along, 0 to 1, the first gap begins, to some thousandths of a cell
     """
-    which, other = _near_pairs(segments, others, math.sqrt(epsilon2) * (1 + 2 * MARGIN))
-    surely_covered = np.isnan(_float_gaps(segments, others, which, other, math.sqrt(epsilon2) * (1 - MARGIN)))
-    gaps = _float_gaps(segments, others, which, other, math.sqrt(epsilon2) * (1 + MARGIN))
-    for i in np.flatnonzero(np.isnan(gaps) & ~surely_covered):
-        near = others[other[np.searchsorted(which, i) : np.searchsorted(which, i, "right")]]
-        gaps[i] = exact_gap(segments[i].tolist(), near.tolist(), epsilon2 * UNIT**2)
+    from fleetmap.vectorize.verify_near_kernels import find_gaps
+
+    others = _ascending(others)
+    gaps, unsure = np.empty(len(segments)), np.zeros(len(segments), np.uint8)
+    find_gaps(np.ascontiguousarray(segments), others, to_radius2(epsilon2), gaps, unsure)
+    reach = math.ceil(math.sqrt(epsilon2) * UNIT)
+    for i in np.flatnonzero(unsure):
+        ends = segments[i].reshape(2, 2)
+        low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
+        near = (others[:, 2] >= low[0]) & (others[:, 0] <= high[0])
+        near &= (others[:, 1::2].max(axis=1) >= low[1]) & (others[:, 1::2].min(axis=1) <= high[1])
+        gaps[i] = exact_gap(segments[i].tolist(), others[near].tolist(), epsilon2 * UNIT**2)
     return gaps
 
 
-def _near_pairs(
-    segments: NDArray[np.int64], others: NDArray[np.int64], distance: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices (segment, other) of all pairs at most ``distance`` cells apart, ascending."""
-    import shapely
+def find_touched_owners(
+    segments: Segments, owners: NDArray[np.int64], count: int, others: Segments, epsilon2: Fraction
+) -> NDArray[np.bool_]:
+    """(count,) which owners have a point of their segments at most epsilon away from some other segment; exact.
 
-    def shapes(ends: NDArray[np.int64]) -> NDArray[np.object_]:
-        lines: NDArray[np.object_] = shapely.linestrings(ends.reshape(-1, 2, 2) / UNIT)
-        is_point = (ends[:, :2] == ends[:, 2:]).all(axis=1)  # GEOS finds nothing near a line of no length
-        lines[is_point] = shapely.points(ends[is_point, :2] / UNIT)
-        return lines
+    Parameters
+    ----------
+    owners : (n,) the owner, 0 to count - 1, of each segment
+    epsilon2 : square of epsilon, in cells; a whole number of 2^-20
+    """
+    from fleetmap.vectorize.verify_near_kernels import find_touched
 
-    which, other = shapely.STRtree(shapes(others)).query(shapes(segments), predicate="dwithin", distance=distance)
-    order = np.lexsort((other, which))
-    return which[order], other[order]
-
-
-def _float_gaps(
-    segments: NDArray[np.int64],
-    others: NDArray[np.int64],
-    which: NDArray[np.int64],
-    other: NDArray[np.int64],
-    radius: float,
-) -> NDArray[np.float64]:
-    """``first_gaps`` in floats for a radius in cells, given the pairs that may be near."""
-    ends = segments.reshape(-1, 2, 2) / UNIT
-    along = ends[:, 1] - ends[:, 0]
-    length = np.hypot(*along.T)
-    # A point is a segment of length 0 in any direction.
-    direction = np.divide(along, length[:, None], out=np.tile([0.0, 1.0], (len(along), 1)), where=length[:, None] > 0)
-
-    # Where the line through each segment, measured from its start, is in the stadium of the other one:
-    # in one of the discs around its ends, or in the strip between them.
-    start, d = ends[which, 0], direction[which]
-    a, b = np.moveaxis(others[other].reshape(-1, 2, 2) / UNIT, 1, 0)
-    low, high = np.full(len(which), np.inf), np.full(len(which), -np.inf)
-    for centre in (a, b):
-        middle, half2 = _dot(d, centre - start), radius**2 - _cross(d, centre - start) ** 2
-        half = np.where(half2 >= 0, np.sqrt(np.maximum(half2, 0)), np.nan)
-        low, high = np.fmin(low, middle - half), np.fmax(high, middle + half)
-    e = b - a
-    width = radius * np.hypot(*e.T)
-    between = _solve(_dot(e, start - a), _dot(e, d), np.zeros_like(width), _dot(e, e))
-    beside = _solve(_cross(e, start - a), _cross(e, d), -width, width)
-    strip_low, strip_high = np.maximum(between[0], beside[0]), np.minimum(between[1], beside[1])
-    in_strip = (strip_low <= strip_high) & (width > 0)
-    low = np.where(in_strip, np.minimum(low, strip_low), low)
-    high = np.where(in_strip, np.maximum(high, strip_high), high)
-
-    # Sweep along each segment by the intervals that meet it, in the order of their lower ends.
-    meets = (low <= high) & (high >= 0) & (low <= length[which])
-    order = np.lexsort((low[meets], which[meets]))
-    i, low, high = which[meets][order], np.maximum(low[meets][order], 0), high[meets][order]
-    high = np.minimum(high, length[i])
-    # All segments end to end on one axis, so that one running maximum serves for all.
-    offset = np.cumsum(length + 1) - length
-    reach = np.maximum.accumulate(high + offset[i]) - offset[i]
-    first = np.diff(i, prepend=-1) > 0
-    before = np.where(first, 0, np.roll(reach, 1))
-    gaps: NDArray[np.float64] = np.zeros(len(segments))  # nothing meets it: a gap from the start
-    last = np.diff(i, append=len(segments)) > 0
-    gaps[i[last]] = np.where(reach[last] >= length[i[last]] - 1e-9, np.nan, reach[last])
-    broken = np.flatnonzero(low > before + 1e-9)[::-1]  # so that the first gap of a segment is written last
-    gaps[i[broken]] = before[broken]
-    gaps /= np.maximum(length, 1e-9)
-    return gaps
+    touched = np.zeros(count, np.uint8)
+    find_touched(_ascending(segments), owners.astype(np.int64), _ascending(others), to_radius2(epsilon2), touched)
+    return touched > 0
 
 
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    product: NDArray[np.float64] = (a * b).sum(axis=1)
-    return product
+def to_radius2(epsilon2: Fraction) -> int:
+    """The square of a radius as the kernels take it, 1024ths of a square unit: exact from whole 2^-20 cells on."""
+    return math.floor(epsilon2 * UNIT**2 * 1024)
 
 
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    product: NDArray[np.float64] = a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]
-    return product
-
-
-def _solve(
-    offset: NDArray[np.float64], slope: NDArray[np.float64], least: NDArray[np.float64], most: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The interval of t with least <= offset + slope t <= most; (inf, -inf) if there is none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        p, q = (least - offset) / slope, (most - offset) / slope
-    always = (slope == 0) & (least <= offset) & (offset <= most)
-    never = (slope == 0) & ~always
-    low = np.where(always, -np.inf, np.where(never, np.inf, np.minimum(p, q)))
-    return low, np.where(always, np.inf, np.where(never, -np.inf, np.maximum(p, q)))
+def _ascending(segments: Segments) -> Segments:
+    """The same segments with y0 <= y1."""
+    down = segments[:, 0] > segments[:, 2]
+    if down.any():
+        segments = np.where(down[:, None], segments[:, [2, 3, 0, 1]], segments)
+    return np.ascontiguousarray(segments, np.int64)
 
 
 CLOSE = 1e-6

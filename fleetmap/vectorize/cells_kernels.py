@@ -1,0 +1,414 @@
+"""Numba kernels that look at cells: their states, the cracks between them, and specks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+# Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
+
+
+@njit("void(i1[:,::1], u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+def read_states(
+    cells: NDArray[np.int8], states: NDArray[np.uint8], low_y: int, low_x: int, free: int, occupied: int
+) -> None:
+    """Write the states of cells (-1, or 0 to 100 per cent) into ``states``, cell (0, 0) at (low_y, low_x).
+
+    Up to ``free`` per cent a cell is free, from ``occupied`` on it is occupied, else unknown.
+    """
+    height, width = cells.shape
+    least, most = np.int8(free), np.int8(occupied)
+    for i in range(height):
+        # Slices, and no index with an offset: only so does the compiler see that it may use vector instructions.
+        source, target = cells[i], states[low_y + i, low_x : low_x + width]
+        for j in range(width):
+            cell = source[j]
+            known = np.uint8(0) if cell <= least else np.uint8(2)
+            known = np.uint8(1) if cell >= most else known
+            target[j] = known if cell >= 0 else np.uint8(2)
+
+
+@njit("void(u1[:,::1], u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+def find_cracks(states: NDArray[np.uint8], cracks: NDArray[np.uint8], y0: int, x0: int, y1: int, x1: int) -> None:
+    """Set ``cracks`` for the lattice points y0 <= y < y1, x0 <= x < x1, all at least 1.
+
+    Point (y, x) is the lower left corner of cell (y, x). Bits: a crack, that is cells of different states on both
+    its sides, leaves the point to the right (1), up (2), to the left (4), down (8).
+    """
+    one, two, three = np.uint8(1), np.uint8(2), np.uint8(3)
+    for y in range(y0, y1):
+        above, above_left = states[y, x0:x1], states[y, x0 - 1 : x1 - 1]
+        below, below_left = states[y - 1, x0:x1], states[y - 1, x0 - 1 : x1 - 1]
+        out = cracks[y, x0:x1]
+        for j in range(x1 - x0):
+            here, left, under, corner = above[j], above_left[j], below[j], below_left[j]
+            out[j] = (
+                np.uint8(here != under)
+                | (np.uint8(here != left) << one)
+                | (np.uint8(left != corner) << two)
+                | (np.uint8(under != corner) << three)
+            )
+
+
+@njit("i8(u8[:,::1], u1[:,::1], i8, i8, i8, i8, i4[:,::1])", cache=True, nogil=True)
+def find_corners(
+    words: NDArray[np.uint64],
+    cracks: NDArray[np.uint8],
+    y0: int,
+    x0: int,
+    y1: int,
+    x1: int,
+    corners: NDArray[np.int32],
+) -> int:
+    """List the points (y, x) of a window where cracks meet other than straight on; returns how many.
+
+    ``words`` are the rows of ``cracks``, eight points a number. If ``corners`` is too short, -1 is returned.
+    """
+    count = 0
+    most = len(corners)
+    straight = np.uint64(0x0505050505050505)
+    first, last = x0 >> 3, (x1 + 7) >> 3
+    for y in range(y0, y1):
+        row, line = words[y], cracks[y]
+        for w in range(first, last):
+            word = row[w]
+            if word == 0 or word == straight:
+                continue
+            for x in range(max(8 * w, x0), min(8 * w + 8, x1)):
+                bits = line[x]
+                if bits != 0 and bits != 5 and bits != 10:
+                    if count == most:
+                        return -1
+                    corners[count, 0], corners[count, 1] = y, x
+                    count += 1
+    return count
+
+
+@njit("i8(u1[:,::1], u1[:,::1], i8, i8, i8, i4[:,::1], i8)", cache=True, nogil=True)
+def gather(
+    states: NDArray[np.uint8],
+    seen: NDArray[np.uint8],
+    y: int,
+    x: int,
+    most: int,
+    queue: NDArray[np.int32],
+    at: int,
+) -> int:
+    """Collect the component of cell (y, x) in ``queue`` from ``at`` on; returns its size, or -1 if above ``most``.
+
+    Components are 4-connected; free cells also meet at a corner if the two other cells there are unknown, as a
+    beam leaves them. What touches the rim of the array counts as large. ``seen`` is zero before and after.
+    """
+    height, width = states.shape
+    state = states[y, x]
+    queue[at, 0], queue[at, 1] = y, x
+    seen[y, x] = 1
+    count = 1
+    head = 0
+    large = False
+    while head < count and not large:
+        y, x = queue[at + head, 0], queue[at + head, 1]
+        head += 1
+        if y <= 0 or x <= 0 or y >= height - 1 or x >= width - 1:
+            large = True
+            break
+        for d in range(8 if state == 0 else 4):
+            if d < 4:
+                ny, nx = y + (d == 1) - (d == 3), x + (d == 0) - (d == 2)
+                if states[ny, nx] != state or seen[ny, nx]:
+                    continue
+            else:
+                ny, nx = y + 2 * (d & 1) - 1, x + (d & 2) - 1
+                if states[ny, nx] != state or seen[ny, nx] or states[ny, x] != 2 or states[y, nx] != 2:
+                    continue
+            if count == most:
+                large = True
+                break
+            seen[ny, nx] = 1
+            queue[at + count, 0], queue[at + count, 1] = ny, nx
+            count += 1
+    for k in range(at, at + count):
+        seen[queue[k, 0], queue[k, 1]] = 0
+    return -1 if large else count
+
+
+FILLED = 16
+"""Added, in the array of visited cells, to the state that a cell is about to be given."""
+
+
+@njit("b1(u1[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+def is_long(states: NDArray[np.uint8], y: int, x: int, most: int, dy: int, dx: int) -> bool:
+    """Whether more than ``most`` cells of one state lie in a line from cell (y, x) on, or it meets the rim."""
+    state = states[y, x]
+    for _ in range(most):
+        y += dy
+        x += dx
+        if states[y, x] != state:
+            return False
+        if y >= len(states) - 1 or x >= states.shape[1] - 1:
+            return True
+    return True
+
+
+@njit("b1(i4[:,::1], i8, i8)", cache=True, nogil=True, inline="always")
+def starts_with_its_first(queue: NDArray[np.int32], at: int, count: int) -> bool:
+    """Whether the component's cell at the front is its lowest, and of those the leftmost."""
+    for k in range(at + 1, at + count):
+        if queue[k, 0] < queue[at, 0] or (queue[k, 0] == queue[at, 0] and queue[k, 1] < queue[at, 1]):
+            return False
+    return True
+
+
+@njit("i8(i8, i8)", cache=True, nogil=True, inline="always")
+def priority(y: int, x: int) -> int:
+    """A number for a cell of the lattice, different from those of its neighbours, and in no order."""
+    return ((np.int64(y) + (1 << 22)) * 40503 + (np.int64(x) + (1 << 22)) * 30011) * 48271 % 2147483647
+
+
+@njit("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True)
+def is_near_large(
+    states: NDArray[np.uint8],
+    seen: NDArray[np.uint8],
+    queue: NDArray[np.int32],
+    at: int,
+    y0: int,
+    x0: int,
+    most: int,
+    apart: int,
+) -> bool:
+    """Whether a free cell within ``apart`` rows and columns of (y0, x0) belongs to a component above ``most``."""
+    height, width = states.shape
+    for y in range(max(y0 - apart, 0), min(y0 + apart + 1, height)):
+        for x in range(max(x0 - apart, 0), min(x0 + apart + 1, width)):
+            if states[y, x] == 0 and gather(states, seen, y, x, most, queue, at) < 0:
+                return True
+    return False
+
+
+@njit("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+def is_alone(
+    states: NDArray[np.uint8],
+    seen: NDArray[np.uint8],
+    queue: NDArray[np.int32],
+    at: int,
+    count: int,
+    most: int,
+    apart: int,
+    oy: int,
+    ox: int,
+) -> bool:
+    """Whether a free speck is the only trace of the space it lies in, and must stay.
+
+    There is no large free component within ``apart`` rows and columns of its first cell, nor another speck of which
+    the same is true and that has a lower number: of a cloud of specks some stay, and which ones depends on the next
+    neighbours alone.
+    """
+    height, width = states.shape
+    y0, x0 = queue[at, 0], queue[at, 1]
+    first = at + count
+    if is_near_large(states, seen, queue, first, y0, x0, most, apart):
+        return False
+    for y in range(max(y0 - apart, 0), min(y0 + apart + 1, height)):
+        for x in range(max(x0 - apart, 0), min(x0 + apart + 1, width)):
+            if states[y, x] != 0:
+                continue
+            size = gather(states, seen, y, x, most, queue, first)
+            lowest = first
+            for k in range(first + 1, first + size):
+                if queue[k, 0] < queue[lowest, 0] or (
+                    queue[k, 0] == queue[lowest, 0] and queue[k, 1] < queue[lowest, 1]
+                ):
+                    lowest = k
+            y1, x1 = queue[lowest, 0], queue[lowest, 1]
+            if priority(y1 + oy, x1 + ox) < priority(y0 + oy, x0 + ox) and not is_near_large(
+                states, seen, queue, first, y1, x1, most, apart
+            ):
+                return False
+    return True
+
+
+@njit(
+    "Tuple((i8, i8))(u1[:,::1], u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8)",
+    cache=True,
+    nogil=True,
+)
+def fill_specks(
+    states: NDArray[np.uint8],
+    cracks: NDArray[np.uint8],
+    seen: NDArray[np.uint8],
+    corners: NDArray[np.int32],
+    count: int,
+    most: int,
+    apart: int,
+    oy: int,
+    ox: int,
+) -> tuple[int, int]:
+    """Give free and unknown components of at most ``most`` cells the state that prevails around them.
+
+    (oy, ox) is the lattice place of cell (0, 0). Returns the number of specks that were filled, and of their cells.
+    Free ones come first, unknown ones become free only beside free cells that stay. A free one that lies apart stays
+    (see ``is_alone``). Occupied cells are never touched. Whether a component is filled depends on cells within
+    4 ``most`` + 2 ``apart`` of it alone.
+    """
+    queue = np.empty((max(1024, 8 * most), 2), np.int32)
+    around = np.zeros(3, np.int64)
+    specks = 0
+    cells = 0
+    if most < 1:
+        return specks, cells
+    size = 0  # rows in the queue: for each component its new state and size, then its cells
+    for state in (0, 2):
+        for c in range(count):
+            y, x = corners[c, 0], corners[c, 1]
+            # The first cell of a component differs from the cells below and to the left.
+            if states[y, x] != state or cracks[y, x] & 3 != 3:
+                continue
+            if size + 4 * most + 4 > len(queue):
+                longer = np.empty((2 * len(queue) + 4 * most, 2), np.int32)
+                longer[:size] = queue[:size]
+                queue = longer
+            # Most are large, and a straight line shows it.
+            if is_long(states, y, x, most, 1, 0) or is_long(states, y, x, most, 0, 1):
+                continue
+            found = gather(states, seen, y, x, most, queue, size + 1)
+            if found < 0 or not starts_with_its_first(queue, size + 1, found):
+                continue
+            around[:] = 0
+            for k in range(size + 1, size + 1 + found):
+                for d in range(4):
+                    ny, nx = queue[k, 0] + (d == 1) - (d == 3), queue[k, 1] + (d == 0) - (d == 2)
+                    if states[ny, nx] == state:
+                        continue
+                    # A free cell that is to be filled counts as what it becomes.
+                    mark = seen[ny, nx]
+                    around[mark - FILLED if mark >= FILLED else states[ny, nx]] += 1
+            if state == 0:
+                # Not in case of a draw: it could join an obstacle to another one, and hide it.
+                prevailing = 1 if around[1] > around[2] else 2
+                if is_alone(states, seen, queue, size + 1, found, most, apart, oy, ox):
+                    continue
+            elif around[1] >= around[0] + around[2]:
+                prevailing = 1
+            elif around[0] >= around[2]:
+                prevailing = 0
+            else:
+                continue
+            queue[size, 0], queue[size, 1] = prevailing, found
+            size += 1 + found
+            specks += 1
+            cells += found
+        if state == 0:
+            at = 0
+            while at < size:
+                for k in range(at + 1, at + 1 + queue[at, 1]):
+                    seen[queue[k, 0], queue[k, 1]] = FILLED + queue[at, 0]
+                at += 1 + queue[at, 1]
+    at = 0
+    while at < size:
+        prevailing, found = queue[at, 0], queue[at, 1]
+        for k in range(at + 1, at + 1 + found):
+            states[queue[k, 0], queue[k, 1]] = prevailing
+            seen[queue[k, 0], queue[k, 1]] = 0
+        at += 1 + found
+    at = 0
+    while at < size:
+        for k in range(at + 1, at + 1 + queue[at, 1]):
+            y, x = queue[k, 0], queue[k, 1]
+            find_cracks(states, cracks, y, x, y + 2, x + 2)
+        at += 1 + queue[at, 1]
+    return specks, cells
+
+
+@njit("i8(i1[:,::1], i8, i8, u1[:,::1], i8, i8, i8, i8, i8, i8, i8, i8, i8, i8, i8, i8[::1])", cache=True, nogil=True)
+def refresh(
+    cells: NDArray[np.int8],
+    low_y: int,
+    low_x: int,
+    states: NDArray[np.uint8],
+    y0: int,
+    x0: int,
+    y1: int,
+    x1: int,
+    most: int,
+    apart: int,
+    free: int,
+    occupied: int,
+    margin: int,
+    oy: int,
+    ox: int,
+    dirty: NDArray[np.int64],
+) -> int:
+    """Bring ``states`` up to date where cells may have changed, specks filled; returns how many states changed.
+
+    Parameters
+    ----------
+    cells : the new grid; its cell (0, 0) is cell (low_y, low_x) of ``states``, which holds all of it and a rim
+    y0, x0, y1, x1 : cells of ``states``, half open, that may have changed
+    most, apart : see ``fill_specks``; ``free``, ``occupied``: see ``read_states``
+    margin : so far away a change may have to do with whether a speck is filled
+    oy, ox : lattice place of cell (0, 0) of ``states``
+    dirty : out: (y0, x0, y1, x1) the changed states, half open; how many specks were seen there, and their cells
+    """
+    height, width = states.shape
+    grid_height, grid_width = cells.shape
+    # What may change, and what that depends on.
+    wy0, wx0 = max(y0 - margin, 1), max(x0 - margin, 1)
+    wy1, wx1 = min(y1 + margin, height - 1), min(x1 + margin, width - 1)
+    ry0, rx0 = max(wy0 - margin, 0), max(wx0 - margin, 0)
+    ry1, rx1 = min(wy1 + margin, height), min(wx1 + margin, width)
+    rows, columns = ry1 - ry0, (rx1 - rx0 + 7) // 8 * 8
+    raw = np.empty((rows, columns), np.uint8)
+    gx0, gx1 = max(rx0, low_x), min(rx1, low_x + grid_width)
+    for y in range(rows):
+        gy = y + ry0 - low_y
+        if gy < 0 or gy >= grid_height or gx0 >= gx1:
+            raw[y, :] = 2
+            continue
+        raw[y, : gx0 - rx0] = 2
+        raw[y, gx1 - rx0 :] = 2
+    gy0, gy1 = max(ry0 - low_y, 0), min(ry1 - low_y, grid_height)
+    if gy0 < gy1 and gx0 < gx1:
+        least, highest = np.int8(free), np.int8(occupied)
+        for gy in range(gy0, gy1):
+            source = cells[gy, gx0 - low_x : gx1 - low_x]
+            target = raw[gy + low_y - ry0, gx0 - rx0 : gx1 - rx0]
+            for j in range(len(source)):
+                cell = source[j]
+                known = np.uint8(0) if cell <= least else np.uint8(2)
+                known = np.uint8(1) if cell >= highest else known
+                target[j] = known if cell >= 0 else np.uint8(2)
+    dirty[4] = dirty[5] = 0
+    if most > 0:
+        cracks = np.empty((rows, columns), np.uint8)
+        cracks[0, :] = 0
+        cracks[:, 0] = 0
+        find_cracks(raw, cracks, 1, 1, rows, columns)
+        words = cracks.view(np.uint64)
+        corners = np.empty((4096, 2), np.int32)
+        count = find_corners(words, cracks, 1, 1, rows, columns, corners)
+        while count < 0:
+            corners = np.empty((4 * len(corners), 2), np.int32)
+            count = find_corners(words, cracks, 1, 1, rows, columns, corners)
+        seen = np.zeros((rows, columns), np.uint8)
+        dirty[4], dirty[5] = fill_specks(raw, cracks, seen, corners, count, most, apart, ry0 + oy, rx0 + ox)
+    dirty[0], dirty[1], dirty[2], dirty[3] = height, width, -1, -1
+    changed = 0
+    for y in range(wy0, wy1):
+        new, old = raw[y - ry0, wx0 - rx0 : wx1 - rx0], states[y, wx0:wx1]
+        differ = 0
+        for j in range(len(new)):
+            differ += new[j] != old[j]
+        if differ == 0:
+            continue
+        changed += differ
+        dirty[0], dirty[2] = min(dirty[0], y), max(dirty[2], y + 1)
+        first = 0
+        while new[first] == old[first]:
+            first += 1
+        last = len(new)
+        while new[last - 1] == old[last - 1]:
+            last -= 1
+        dirty[1], dirty[3] = min(dirty[1], wx0 + first), max(dirty[3], wx0 + last)
+        old[:] = new
+    return changed

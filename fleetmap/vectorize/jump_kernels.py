@@ -1,0 +1,138 @@
+"""Numba kernels that find edges which have jumped over something: no edges meet, but the faces are others.
+
+An obstacle of a cell or two beside a wall may end up inside of it, when the edge of the wall passes on its other
+side. Each edge is moved, in thought, from its run of boundary to where it lies; what it passes over it has jumped.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+SCALE = 1 << 24
+SHIFT_Y, SHIFT_X = 1009, 577
+"""Points are looked at this little (in 1 / SCALE of a cell) up and to the right of where they are, so that none lies
+on a line between lattice points: no edge of at most 4096 cells comes nearer to one that it does not pass through.
+Products of a difference in cells (2^13) and one in these units (2^37) stay below 2^51."""
+
+
+@njit("i8(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+def side_of(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> int:
+    """Positive if the shifted p lies on the left of the line from a to b; never 0."""
+    return (bx - ax) * ((py - ay) * SCALE + SHIFT_Y) - (by - ay) * ((px - ax) * SCALE + SHIFT_X)
+
+
+@njit("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True)
+def count_passes(
+    points: NDArray[np.int32],
+    tail: int,
+    head: int,
+    start: int,
+    end: int,
+    edges: NDArray[np.int64],
+    k: int,
+    py: int,
+    px: int,
+    wy: int,
+    wx: int,
+) -> int:
+    """How often edge k, going from its run to its place, passes over a vertex that goes from p to w.
+
+    The run leads from corner ``tail`` to corner ``head`` of an arc with the corners ``start`` to ``end``. The sum of
+    how often edge and run wind around w, and how often the way from p to w crosses the run; signed.
+    """
+    passes = 0
+    cy, cx = edges[k, 2], edges[k, 3]
+    dy, dx = edges[k, 0], edges[k, 1]
+    m = tail
+    stage = 0
+    while True:
+        # Back along the edge from its head, to the tail's point, along the run, to the head again.
+        if (cy <= wy) != (dy <= wy):
+            side = side_of(cy, cx, dy, dx, wy, wx)
+            if dy > cy and side > 0:
+                passes += 1
+            elif dy < cy and side < 0:
+                passes -= 1
+        if stage == 3:
+            break
+        cy, cx = dy, dx
+        if stage == 0:
+            dy, dx = points[m, 0], points[m, 1]
+            stage = 1
+        elif m == head:
+            dy, dx = edges[k, 2], edges[k, 3]
+            stage = 3
+        else:
+            m += 1
+            if m == end:
+                m = start
+            dy, dx = points[m, 0], points[m, 1]
+            p_side, w_side = side_of(cy, cx, dy, dx, py, px) > 0, side_of(cy, cx, dy, dx, wy, wx) > 0
+            if p_side != w_side:
+                # c and d against the way from p to w: the same shift, seen from them.
+                c_side = (wx - px) * ((cy - py) * SCALE - SHIFT_Y) - (wy - py) * ((cx - px) * SCALE - SHIFT_X)
+                d_side = (wx - px) * ((dy - py) * SCALE - SHIFT_Y) - (wy - py) * ((dx - px) * SCALE - SHIFT_X)
+                if (c_side > 0) != (d_side > 0):
+                    passes += 1 if p_side else -1
+    return passes
+
+
+@njit(
+    "void(i4[:,::1], i4[::1], i4[::1], i4[::1], i4[::1], i8[:,::1], i4[::1], i4[::1], i8, i8, i8, i8, i8,"
+    " i4[::1], i4[::1], i8, u1[::1])",
+    cache=True,
+    nogil=True,
+)
+def find_jumps(
+    points: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    tails: NDArray[np.int32],
+    heads: NDArray[np.int32],
+    arc_of: NDArray[np.int32],
+    edges: NDArray[np.int64],
+    starts: NDArray[np.int32],
+    content: NDArray[np.int32],
+    low_y: int,
+    low_x: int,
+    rows: int,
+    columns: int,
+    bucket: int,
+    part_of: NDArray[np.int32],
+    witnesses: NDArray[np.int32],
+    reach: int,
+    bad: NDArray[np.uint8],
+) -> None:
+    """Set ``bad`` for edges that have jumped over the tail of a ``witnesses`` edge of another part, and for that one.
+
+    ``part_of`` says for each arc which part of the network, connected in itself, it belongs to: if nothing crosses, a
+    part is jumped over as a whole, and one witness of it is enough. ``reach`` is epsilon rounded up, in cells.
+    """
+    looked_at = np.full(len(edges), -1, np.int32)
+    for n in range(len(witnesses)):
+        e = witnesses[n]
+        wy, wx, py, px = edges[e, 0], edges[e, 1], edges[e, 4], edges[e, 5]
+        y0, y1 = min(wy, py) - reach - low_y, max(wy, py) + reach - low_y
+        x0, x1 = min(wx, px) - reach - low_x, max(wx, px) + reach - low_x
+        for row in range(max(y0, 0) // bucket, min(y1 // bucket, rows - 1) + 1):
+            for column in range(max(x0, 0) // bucket, min(x1 // bucket, columns - 1) + 1):
+                place = row * columns + column
+                for p in range(starts[place], starts[place + 1]):
+                    k = content[p]
+                    if looked_at[k] == n or part_of[arc_of[k]] == part_of[arc_of[e]]:
+                        continue
+                    looked_at[k] = n
+                    if (
+                        max(edges[k, 0], edges[k, 2]) + reach < min(wy, py)
+                        or min(edges[k, 0], edges[k, 2]) - reach > max(wy, py)
+                        or max(edges[k, 1], edges[k, 3]) + reach < min(wx, px)
+                        or min(edges[k, 1], edges[k, 3]) - reach > max(wx, px)
+                    ):
+                        continue
+                    arc = arc_of[k]
+                    if count_passes(
+                        points, tails[k], heads[k], offsets[arc], offsets[arc + 1], edges, k, py, px, wy, wx
+                    ):
+                        bad[k] = 1
+                        bad[e] = 1
