@@ -113,12 +113,13 @@ def may_lead(
     )
 
 
-@njit("i8(i8[:,::1], i8, f8, f8[::1])", cache=True, nogil=True)
-def choose_fewest(gap: NDArray[np.int64], n: int, epsilon: float, error: NDArray[np.float64]) -> int:
+@njit("i8(i8[:,::1], i8, f8, f8[::1], i8)", cache=True, nogil=True)
+def choose_fewest(gap: NDArray[np.int64], n: int, epsilon: float, error: NDArray[np.float64], sources: int) -> int:
     """The fewest edges from corner 0 to n - 1, and of those the nearest to the boundary; returns how many vertices.
 
     Dynamic programming over the corners (Imai and Iri 1988, min-#), with the wedge of all corners passed, one number
-    of edges after the other. Epsilon in cells; ``error`` (n,) is room to work in. Fills the chain.
+    of edges after the other. Epsilon in cells; ``error`` (n,) is room to work in. Of all vertices that take equally
+    many edges, ``sources`` are gone on from, those that are farthest along; see ``SOURCES``. Fills the chain.
     """
     ty, tx, vy, vx, cost, previous = gap[TRUE_Y], gap[TRUE_X], gap[AT_Y], gap[AT_X], gap[COST], gap[PREVIOUS]
     never = np.int64(1) << 60
@@ -132,7 +133,7 @@ def choose_fewest(gap: NDArray[np.int64], n: int, epsilon: float, error: NDArray
         expanded = 0
         next_farthest = farthest
         i = farthest
-        while i >= 0 and expanded < SOURCES and (expanded == 0 or i > farthest - 64):
+        while i >= 0 and expanded < sources and (expanded == 0 or i > farthest - 64):
             if cost[i] != level:
                 i -= 1
                 continue

@@ -34,6 +34,7 @@ def trace_grid(
     height, width = states.shape
     y, x = shift_yx[0] - store.low_yx[0], shift_yx[1] - store.low_yx[1]
     read_states(grid.cells_yx, states, y, x, FREE_PERCENT, OCCUPIED_PERCENT)
+    store.raw[:] = states
     find_cracks(states, cracks, 1, 1, height, width)
     room = 1 << 14
     while True:

@@ -301,28 +301,41 @@ def build_network(
             clean = clean and not bad[k]
         if clean:
             find_turned(edges[:count], around, bad)
-            # What is not anchored may have been turned over: a loop, or all arcs of a part with free space on the left.
-            true_areas, areas = np.zeros(arcs, np.int64), np.zeros(arcs, np.int64)
-            ordered = np.zeros(arcs, np.uint8)
+            # What is not anchored may have been turned over, or inside out: compare the areas of its three states.
+            true_areas, areas = np.zeros((arcs, 3), np.int64), np.zeros((arcs, 3), np.int64)
+            complete = np.zeros(arcs, np.uint8)
             witnesses = np.empty(arcs, np.int32)
             found = 0
             k = 0
             for arc in range(arcs):
-                p = part[arc]
-                # Where arcs between occupied and unknown end, the order of edges around the node shows it.
-                ordered[p] |= anchored[p] or (labels[arc] == 5 and not closed[arc])
-                true_areas[p] += twice_area(points, offsets[arc], offsets[arc + 1], closed[arc])
+                p, left, right = part[arc], labels[arc] // 3, labels[arc] % 3
+                # Where backs of walls are left out, only free space has all of its boundary.
+                complete[p] |= closed[arc] or labels[arc] == 5
+                area = twice_area(points, offsets[arc], offsets[arc + 1], closed[arc])
+                true_areas[p, left] += area
+                true_areas[p, right] -= area
                 first = k
+                own = np.int64(0)
                 while k < count and arc_of[k] == arc:
-                    areas[p] += edges[k, 1] * edges[k, 2] - edges[k, 0] * edges[k, 3]
+                    own += edges[k, 1] * edges[k, 2] - edges[k, 0] * edges[k, 3]
                     k += 1
+                areas[p, left] += own
+                areas[p, right] -= own
+                a, b = offsets[arc], offsets[arc + 1] - 1
+                if fixed[a] and points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1]:
+                    # A loop through a single vertex outside.
+                    if (area > 0) != (own > 0) or (area < 0) != (own < 0):
+                        bad[first:k] = 1
                 if k > first and p == arc and not anchored[arc]:
                     witnesses[found] = first
                     found += 1
             for k in range(count):
                 p = part[arc_of[k]]
-                if not ordered[p] and ((areas[p] > 0) != (true_areas[p] > 0) or (areas[p] < 0) != (true_areas[p] < 0)):
-                    bad[k] = 1
+                for state in range(0 if anchored[p] else 3 if complete[p] else 1):
+                    if (areas[p, state] > 0) != (true_areas[p, state] > 0) or (areas[p, state] < 0) != (
+                        true_areas[p, state] < 0
+                    ):
+                        bad[k] = 1
             find_jumps(
                 points, offsets, tails, heads, arc_of, edges[:count], starts, content, low_y, low_x, rows, columns,
                 16, part, witnesses[:found], reach, bad,

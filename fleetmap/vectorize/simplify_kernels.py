@@ -13,6 +13,7 @@ from fleetmap.vectorize.fewest_kernels import (
     GAP_ROWS,
     PLACE_X,
     PLACE_Y,
+    SOURCES,
     TRUE_X,
     TRUE_Y,
     choose_fewest,
@@ -113,7 +114,7 @@ def simplify_loop(
         fewest, least = np.int64(1) << 60, 1e300
         for attempt in range(size):
             turn_loop(points, start, size, attempt, fy, fx, gap)
-            edges = choose_fewest(gap, n, epsilon, error) - 1
+            edges = choose_fewest(gap, n, epsilon, error, SOURCES) - 1
             off = error[n - 1] if edges >= 3 else 1e299
             if max(edges, 3) < fewest or (max(edges, 3) == fewest and off < least):
                 fewest, least, begin = max(edges, 3), off, attempt
@@ -124,7 +125,7 @@ def simplify_loop(
             if value > far:
                 far, begin = value, c
     turn_loop(points, start, size, begin, fy, fx, gap)
-    count = make_three(gap, choose_fewest(gap, n, epsilon, error))
+    count = make_three(gap, choose_fewest(gap, n, epsilon, error, SOURCES))
     count = refine(cracks, oy, ox, gap, n, epsilon2, epsilon, count, 4, moments, wedges)
     # Once more from the vertex in the middle, so that the first one may move, too.
     middle = count // 2
@@ -231,7 +232,7 @@ def simplify_arcs(
                 if not stops[end_corner]:
                     at[end_corner, 0], at[end_corner, 1] = points[end_corner, 0], points[end_corner, 1]
             if not kept[m]:
-                count = choose_fewest(gap, n, epsilon, error)
+                count = choose_fewest(gap, n, epsilon, error, SOURCES)
                 count = refine(cracks, oy, ox, gap, n, epsilon2, epsilon, count, 2, moments, wedges)
                 for q in range(1, count - 1):
                     c = m + gap[CORNER, q]

@@ -25,6 +25,8 @@ class Store:
 
     def __init__(self, low_yx: tuple[int, int], high_yx: tuple[int, int]) -> None:
         self.low_yx, shape = _extent(low_yx, high_yx)
+        self.raw: NDArray[np.uint8] = np.full(shape, UNKNOWN, np.uint8)
+        """States of the cells as they were read, and with specks filled:"""
         self.states: NDArray[np.uint8] = np.full(shape, UNKNOWN, np.uint8)
         self.cracks: NDArray[np.uint8] = np.zeros(shape, np.uint8)
         self.seen: NDArray[np.uint8] = np.zeros(shape, np.uint8)
@@ -61,13 +63,16 @@ class Store:
             (max(high_yx[0], ends[0] - RIM), max(high_yx[1], ends[1] - RIM)),
         )
         y, x = self.low_yx[0] - low[0], self.low_yx[1] - low[1]
-        states, cracks = np.full(shape, UNKNOWN, np.uint8), np.zeros(shape, np.uint8)
+        raw, states = np.full(shape, UNKNOWN, np.uint8), np.full(shape, UNKNOWN, np.uint8)
+        cracks = np.zeros(shape, np.uint8)
         buckets = np.full((shape[0] // BUCKET, shape[1] // BUCKET), -1, np.int32)
+        raw[y : y + height, x : x + width] = self.raw
         states[y : y + height, x : x + width] = self.states
         cracks[y : y + height, x : x + width] = self.cracks
         by, bx = y // BUCKET, x // BUCKET
         buckets[by : by + height // BUCKET, bx : bx + width // BUCKET] = self.buckets
-        self.low_yx, self.states, self.cracks, self.buckets = low, states, cracks, buckets
+        self.low_yx, self.cracks, self.buckets = low, cracks, buckets
+        self.raw, self.states = raw, states
         self.seen = np.zeros(shape, np.uint8)
 
     def reserve(self, vertices: int, cells: int) -> None:

@@ -53,7 +53,7 @@ def gather_touched(
 ) -> int:
     """List and mark the records whose edges leave a point of the window y0 <= y <= y1, x0 <= x <= x1 (lattice).
 
-    Of the outlines of hidden obstacles in the profile ``share``, all records, if one lies within ``around`` more.
+    Of the outlines of hidden obstacles in the profile ``share``, all records, if an edge comes within ``around``.
     Returns how many.
     """
     count = 0
@@ -68,8 +68,15 @@ def gather_touched(
                     continue
                 y, x = records[r, POINT_Y], records[r, POINT_X]
                 hidden = share and records[r, LABEL] == 5
-                more = around if hidden else 0
-                if y0 - more <= y <= y1 + more and x0 - more <= x <= x1 + more:
+                ny, nx, by, bx = y, x, y, x
+                more = 0
+                if hidden:
+                    # The whole edge: nothing else tells that its run passes through the window.
+                    h = records[r, NEXT]
+                    more = around + reach
+                    ny, nx = min(y, records[h, POINT_Y]), min(x, records[h, POINT_X])
+                    by, bx = max(y, records[h, POINT_Y]), max(x, records[h, POINT_X])
+                if y0 - more <= by and ny <= y1 + more and x0 - more <= bx and nx <= x1 + more:
                     while not marks[r]:
                         marks[r] = 2 if hidden else 1
                         touched[count] = r
@@ -141,6 +148,9 @@ def list_corners(
     return count
 
 
+SLACK_EDGES = 1
+"""So many edges more than that are let be: each change costs bytes."""
+
 WINDOW_EDGES = 3
 """Kept edges on each side of a gap that are looked at together with it."""
 
@@ -203,7 +213,8 @@ def give_up(
 ) -> int:
     """Give up the kept edges between vertices ``low`` and ``high`` of an arc if they are too many; how many there were.
 
-    ``around`` are the corners of an arc's vertices, beyond its end where it is closed and goes around.
+    ``around`` are the corners of an arc's vertices, beyond its end where it is closed and goes around. What is fewest
+    is only estimated, by going on from the farthest vertex each time.
     """
     end = start + size
     now, held = 0, 0
@@ -216,11 +227,11 @@ def give_up(
             return 0  # it was given up before
         else:
             n = collect(points, start, size, around[q], around[q + 1], fy, fx, stops, at, False, gap)
-            now += choose_fewest(gap, n, epsilon, error) - 1
+            now += choose_fewest(gap, n, epsilon, error, 1) - 1
     if now < 3 or held == 0:
         return 0
     n = collect(points, start, size, around[low], around[high], fy, fx, stops, at, True, gap)
-    if now <= ratio * (choose_fewest(gap, n, epsilon, error) - 1):
+    if now <= ratio * (choose_fewest(gap, n, epsilon, error, 1) - 1) + SLACK_EDGES:
         return 0
     for q in range(low, high):
         b = around[q] if around[q] < end else around[q] - size

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import OCCUPIED, UNKNOWN
 from fleetmap.vectorize.arcs import Arcs
 from fleetmap.vectorize.fresh import APART_CELLS, FREE_PERCENT, OCCUPIED_PERCENT
 from fleetmap.vectorize.store import Store
@@ -45,15 +46,19 @@ def refresh_states(
 
     Also how many specks were filled there, and their cells.
     """
-    from fleetmap.vectorize.cells_kernels import refresh
+    from fleetmap.vectorize.cells_kernels import read_changes, refresh
 
     oy, ox = store.low_yx
-    dirty = np.empty(6, np.int64)
-    changed = refresh(
-        grid.cells_yx, shift_yx[0] - oy, shift_yx[1] - ox, store.states,
-        window[0] - oy, window[1] - ox, window[2] - oy, window[3] - ox,
-        specks, APART_CELLS, FREE_PERCENT, OCCUPIED_PERCENT, 4 * specks + 2 * APART_CELLS + 1, oy, ox, dirty,
+    spans = np.empty((len(store.states), 2), np.int64)
+    found = read_changes(
+        grid.cells_yx, shift_yx[0] - oy, shift_yx[1] - ox, store.raw,
+        window[0] - oy, window[1] - ox, window[2] - oy, window[3] - ox, FREE_PERCENT, OCCUPIED_PERCENT, spans,
     )  # fmt: skip
+    if found == 0:
+        return None, (0, 0)
+    margin = 4 * specks + 2 * APART_CELLS + 1 if specks else 0
+    dirty = np.empty(6, np.int64)
+    changed = refresh(store.raw, store.states, spans, specks, APART_CELLS, margin, oy, ox, dirty)
     y0, x0, y1, x1, count, cells = dirty.tolist()
     return ((y0 + oy, x0 + ox, y1 + oy, x1 + ox) if changed else None), (count, cells)
 
@@ -94,6 +99,7 @@ def _try_update(
 ) -> Changes | None:
     """``update_arcs`` in a window that is wider by some cells; None if a vertex outside of it is in the way."""
     from fleetmap.vectorize.cells_kernels import find_corners, find_cracks
+    from fleetmap.vectorize.index_kernels import LABEL
     from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, measure_depth
     from fleetmap.vectorize.sticky_kernels import keep_edges
     from fleetmap.vectorize.store_kernels import (
@@ -108,14 +114,16 @@ def _try_update(
 
     oy, ox = store.low_yx
     height, width = store.states.shape
+    reach = int(epsilon2**0.5) // 16 + 1
     if dirty is None:
         y0, x0, y1, x1 = 1, 1, height - 1, width - 1
     else:
-        # Points: the corners of the changed cells, and one more all around, where nothing changed.
-        y0, x0 = max(dirty[0] - oy - 1 - widen, 1), max(dirty[1] - ox - 1 - widen, 1)
-        y1, x1 = min(dirty[2] - oy + 1 + widen, height - 1), min(dirty[3] - ox + 1 + widen, width - 1)
+        # Points: the corners of the changed cells, and some more all around, where nothing changed, so that what is
+        # small enough to be turned over lies in the window altogether.
+        widen += 2 * reach - 1
+        y0, x0 = max(dirty[0] - oy - widen, 1), max(dirty[1] - ox - widen, 1)
+        y1, x1 = min(dirty[2] - oy + widen, height - 1), min(dirty[3] - ox + widen, width - 1)
     whole = dirty is None or (y0 == 1 and x0 == 1 and y1 == height - 1 and x1 == width - 1)
-    reach = int(epsilon2**0.5) // 16 + 1
     around = NEAR_STEPS + 1 if share else 0
     room = len(store.records) + 1
     touched = np.empty(room, np.int32)
@@ -199,9 +207,12 @@ def _try_update(
         )  # fmt: skip
         if not hit:
             break
-        forced[n_forced : n_forced + hit] = more[:hit]
-        touched[n_touched : n_touched + hit] = more[:hit]
-        n_forced, n_touched = n_forced + hit, n_touched + hit
+        for record in more[:hit].tolist():
+            if share and store.records[record, LABEL] == HIDDEN:
+                n_touched = _touch_outline(store, record, touched, n_touched)
+            else:
+                forced[n_forced] = touched[n_touched] = record
+                n_forced, n_touched = n_forced + 1, n_touched + 1
     else:
         store.marks[touched[:n_touched]] = 0
         return None
@@ -223,6 +234,25 @@ def _try_update(
     )  # fmt: skip
     store.remember(found, thickness)
     return Changes(removed[: counts[0]], added[: counts[1]], rethickened[: counts[2]], redone, splits)
+
+
+HIDDEN = 3 * OCCUPIED + UNKNOWN
+"""Label of the backs of walls, and of outlines of hidden obstacles."""
+
+
+def _touch_outline(store: Store, record: int, touched: NDArray[np.int32], count: int) -> int:
+    """Mark and list all of an outline of hidden obstacles, which is traced as a whole; returns the new count."""
+    from fleetmap.vectorize.index_kernels import NEXT
+
+    start = record
+    while True:
+        if store.marks[record] == 0 or record == start:
+            touched[count] = record
+            count += 1
+        store.marks[record] = 2
+        record = int(store.records[record, NEXT])
+        if record == start:
+            return count
 
 
 def _add_firsts(store: Store, first: NDArray[np.int32], arcs: int, touched: NDArray[np.int32], count: int) -> int:

@@ -21,7 +21,7 @@ from fleetmap.model.vectormap import FRONTIER_LABELS, HIDDEN_LABELS, OBSTACLE_LA
 from fleetmap.vectorize.verify_cells import GridCells
 from fleetmap.vectorize.verify_components import find_component_defects
 from fleetmap.vectorize.verify_cover import UNIT, first_gaps
-from fleetmap.vectorize.verify_faces import find_crossings, find_faces, find_states, set_apart
+from fleetmap.vectorize.verify_faces import find_crossings, find_faces, find_odd_outlines, find_states
 
 KINDS = (
     ("obstacle", OBSTACLE_LABELS, FREE, OCCUPIED),
@@ -83,7 +83,7 @@ def verify(
     3. Edges meet only at vertices: ``crossing``.
     4. All edges agree which faces are free, occupied and unknown (``sides``). In ``share`` nothing separates what
        is occupied from what is unknown: all edges agree which faces are free, and the hidden ones that hang together
-       what they enclose, with nothing but unknown space around them.
+       what they enclose: an obstacle, or a hole in one.
     5. Cells whose centre is more than epsilon away from all cells of other states lie in a face of their state
        (``identity``); in ``exact``, where epsilon is less than half a cell, these are all cells. In ``share``
        occupied and unknown are one state here, and free cells are left to the next test.
@@ -192,8 +192,8 @@ def _find_face_defects(
     found: list[tuple[str, NDArray[np.float64], str]] = []
     if share:
         hidden = np.flatnonzero((left != FREE) & (right != FREE))
-        _, odd = find_states(find_faces(set_apart(edges[hidden, :4])), left[hidden], right[hidden])
-        found += [("sides", edges[hidden[edge], :2].astype(np.float64), f"hidden {detail}") for edge, detail in odd]
+        for edge, detail in find_odd_outlines(edges[hidden, :4], left[hidden], right[hidden]):
+            found.append(("sides", edges[hidden[edge], :2].astype(np.float64), detail))
         left, right, by_cell = (np.where(s == FREE, s, UNKNOWN).astype(s.dtype) for s in (left, right, by_cell))
     faces = find_faces(edges[:, :4])
     states, odd = find_states(faces, left, right)

@@ -168,25 +168,29 @@ class _Components:
     def repair(self, face_of: NDArray[np.int64]) -> Defects:
         """What is wrong after thin components have changed their faces, one or some at a time, wherever that helps."""
         defects = self.defects_of(face_of)
-        tries = 0
-        improved = True
-        while defects and improved and tries < MOST_TRIES:
-            improved = False
-            for trial in self._moves(face_of):
-                tries += 1
+        seen = {face_of.tobytes()}
+        waiting = [face_of]
+        while defects and waiting:
+            for trial in self._moves(waiting.pop(0)):
+                if len(seen) >= MOST_TRIES:
+                    return defects
+                if trial.tobytes() in seen:
+                    continue
+                seen.add(trial.tobytes())
                 now = self.defects_of(trial)
-                improved = len(now) < len(defects)
-                if improved:
-                    face_of, defects = trial, now
-                if improved or tries >= MOST_TRIES:
+                if len(now) < len(defects):
+                    defects, waiting = now, [trial]
                     break
+                if len(now) == len(defects):
+                    waiting.append(trial)
         return defects
 
     def _moves(self, face_of: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
         """Assignments in which a face that has none takes a thin component near it, and that one's face another one.
 
-        And so on, until a face has more than one, or the component was nowhere. Also those in which a component
-        leaves a face whose components are not connected.
+        And so on, until a face has more than one, or the component was nowhere. Then those in which one that is
+        nowhere takes a face, with those that it meets, and another one leaves it; and those in which one leaves a face
+        whose components are not connected.
         """
         kept = self.must_keep & (face_of >= 0)
         many = np.bincount(face_of[kept], minlength=len(self.is_free)) > 1
@@ -199,21 +203,33 @@ class _Components:
             for face, path in queue:  # it grows
                 for component in near_face.get(face, []):
                     source = int(face_of[component])
-                    if source in seen or component in path:
+                    if source == face or component in path:
                         continue
                     moves = path | {component: face}
                     if source < 0 or many[source]:
                         trial = face_of.copy()
                         trial[list(moves)] = list(moves.values())
                         yield trial
-                    if source >= 0:
+                    if source >= 0 and source not in seen:
                         seen.add(source)
                         queue.append((source, moves))
+        reach: dict[int, list[int]] = {}
+        for face, components in near_face.items():
+            for component in components:
+                reach.setdefault(component, []).append(face)
+        for component in np.flatnonzero(self.is_thin & (face_of < 0)).tolist():
+            meets = {component, *self.links[(self.links == component).any(axis=1)].ravel().tolist()}
+            for face in reach.get(component, []):
+                moves = dict.fromkeys(meets.intersection(near_face[face]), face)
+                for other in np.flatnonzero(self.is_thin & (face_of == face)).tolist():
+                    for instead in reach.get(other, []) if other not in moves else []:
+                        trial = face_of.copy()
+                        trial[[*moves, other]] = [*moves.values(), instead]
+                        yield trial
         torn = np.zeros(len(self.is_free), bool)
         torn[face_of[self._strays(face_of)]] = True
-        for component, face in self.near[self.is_thin[self.near[:, 0]]].tolist():
-            source = face_of[component]
-            if source >= 0 and torn[source] and face != source:
+        for component, faces in reach.items():
+            for face in faces if face_of[component] >= 0 and torn[face_of[component]] else []:
                 trial = face_of.copy()
                 trial[component] = face
                 yield trial

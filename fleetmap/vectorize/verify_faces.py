@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.lattice import UNKNOWN
+from fleetmap.model.lattice import OCCUPIED, UNKNOWN
 
 STATE_NAMES = ("free", "occupied", "unknown")
 
@@ -66,19 +66,6 @@ def find_faces(edges: NDArray[np.int64]) -> Faces:
     return Faces(face[:-1:2], face[1:-1:2], len(roots), int(face[-1]))
 
 
-def set_apart(edges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Shift edges, (n, 4), along x so that those which hang together lie beside the others, and around none."""
-    from fleetmap.vectorize.verify_faces_kernels import join_all
-
-    if len(edges) == 0:
-        return edges
-    _, vertex = np.unique(edges.reshape(-1, 2) @ [1 << 24, 1], return_inverse=True)
-    ends = vertex.reshape(-1, 2).astype(np.int64)
-    _, part = np.unique(join_all(ends, int(ends.max()) + 1)[ends[:, 0]], return_inverse=True)
-    pitch = np.ptp(edges[:, 1::2]) + 1
-    return edges + (part * pitch)[:, None] * [0, 1, 0, 1]
-
-
 def find_states(
     faces: Faces, left: NDArray[np.int64], right: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], list[tuple[int, str]]]:
@@ -106,3 +93,44 @@ def find_states(
         where = "the unbounded face, which is unknown" if face == faces.outside else "one face"
         odd.append((edge, f"edges disagree about {where}: {', '.join(parts)}"))
     return votes.argmax(axis=1), odd
+
+
+def find_odd_outlines(
+    edges: NDArray[np.int64], left: NDArray[np.int64], right: NDArray[np.int64]
+) -> list[tuple[int, str]]:
+    """Find outlines of obstacles, edges that hang together, that enclose nothing or are turned inside out.
+
+    Obstacles may lie in the holes of others, and these holes may have no outline: then what is unknown around the
+    inner one lies where the outer one is occupied. What is occupied outside must be a hole in another obstacle.
+
+    Returns
+    -------
+    An edge of each such outline, and what is wrong with it
+    """
+    from fleetmap.vectorize.verify_faces_kernels import join_all
+
+    if len(edges) == 0:
+        return []
+    _, vertex = np.unique(edges.reshape(-1, 2) @ np.array([1 << 24, 1]), return_inverse=True)
+    ends = vertex.reshape(-1, 2).astype(np.int64)
+    _, part = np.unique(join_all(ends, int(ends.max()) + 1)[ends[:, 0]], return_inverse=True)
+    # Side by side, none lies around another.
+    pitch = int(np.ptp(edges[:, 1::2])) + 1
+    alone, together = find_faces(edges + np.outer(part * pitch, np.array([0, 1, 0, 1]))), find_faces(edges)
+    said, beside = np.concatenate([left, right]), np.concatenate([together.left, together.right])
+    own = np.concatenate([alone.left, alone.right])
+    outer = own == alone.outside
+    own = np.where(outer, alone.count + np.tile(part, 2), own)
+    votes = np.bincount(3 * own + said, minlength=3 * (own.max() + 1)).reshape(-1, 3)
+    torn = (votes > 0).sum(axis=1) > 1
+    inside = np.zeros(together.count, bool)
+    inside[beside[~outer & (said == OCCUPIED)]] = True
+    turned = outer & (said == OCCUPIED) & ~inside[beside] & ~torn[own]
+    odd = []
+    for wrong, detail in (
+        (torn[own], "hidden edges disagree about what they enclose"),
+        (turned, "hidden edges are occupied outside, and lie in no obstacle"),
+    ):
+        _, first = np.unique(own[wrong], return_index=True)
+        odd += [(int(edge) % len(edges), detail) for edge in np.flatnonzero(wrong)[first]]
+    return odd

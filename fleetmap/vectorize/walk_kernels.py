@@ -17,6 +17,18 @@ NODE = -1
 """Instead of a direction: three states meet, and all walks end."""
 
 
+@njit("i8(i8)", cache=True, nogil=True, inline="always")
+def step_y(d: int) -> int:
+    """By how much a step in direction d goes up; a table would be built anew for each step."""
+    return (d == 1) - (d == 3)
+
+
+@njit("i8(i8)", cache=True, nogil=True, inline="always")
+def step_x(d: int) -> int:
+    """By how much a step in direction d goes to the right."""
+    return (d == 0) - (d == 2)
+
+
 @njit("i8(u1[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
 def left_of(states: NDArray[np.uint8], y: int, x: int, d: int) -> int:
     """State on the left of the crack that leaves point (y, x) in direction d."""
@@ -75,7 +87,6 @@ def trace_arcs(
     ``labels`` (3 * left + right, left < right); ``closed``. Returns the number of arcs and of points. With
     p corners ``points`` must hold 4 p rows, the others 2 p + 1.
     """
-    dy, dx = (0, 1, 0, -1), (1, 0, -1, 0)
     arcs = 0
     size = 0
     offsets[0] = 0
@@ -114,7 +125,7 @@ def trace_arcs(
                     cracks[y, x] |= VISITED
                 while True:
                     # Straight on to the next corner.
-                    ay, ax = dy[d], dx[d]
+                    ay, ax = step_y(d), step_x(d)
                     y += ay
                     x += ax
                     straight = 5 if d & 1 == 0 else 10

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from fleetmap.vectorize.index_kernels import find_record, passage_key
 from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, is_behind
-from fleetmap.vectorize.walk_kernels import NODE, left_of, pass_through, right_of
+from fleetmap.vectorize.walk_kernels import NODE, left_of, pass_through, right_of, step_x, step_y
 
 WITH_RIGHT, WITHOUT_RIGHT = 16, 64
 """Bits of ``cracks`` within the window: the passage through the point's right crack, or the other one, was walked."""
 
 VERTEX = 32
 """Bit of ``cracks``: a stored vertex stands for the point."""
-
-STEP_Y, STEP_X = (0, 1, 0, -1), (1, 0, -1, 0)
 
 
 @njit("i8(i4[:,::1], u1[::1], i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
@@ -70,8 +68,8 @@ def follow(
         if y0 <= y <= y1 and x0 <= x <= x1 and (y != first_y or x != first_x or d != first_d):
             # The passage uses the right crack if it leaves by it, or came in by it.
             cracks[y, x] |= WITH_RIGHT if d == 0 or leaves[size - 2] == 2 else WITHOUT_RIGHT
-        y += STEP_Y[d]
-        x += STEP_X[d]
+        y += step_y(d)
+        x += step_x(d)
         turned = pass_through(states, cracks, y, x, d)
         inside = y0 <= y <= y1 and x0 <= x <= x1
         if turned == NODE:
@@ -169,7 +167,7 @@ def trace_window(
             back = (d + 2) & 3
             if not (cracks[y, x] >> back) & 1:
                 continue
-            y, x = y + STEP_Y[back], x + STEP_X[back]
+            y, x = y + step_y(back), x + step_x(back)
             left, right = left_of(states, y, x, d), right_of(states, y, x, d)
             if left > right or (share and left == 1):
                 continue
@@ -183,7 +181,7 @@ def trace_window(
                 if came == NODE:
                     break
                 d = (came + 2) & 3
-                y, x = y - STEP_Y[d], x - STEP_X[d]
+                y, x = y - step_y(d), x - step_x(d)
                 if y0 <= y <= y1 and x0 <= x <= x1:
                     break
         if record < 0 or used[record]:
@@ -209,6 +207,13 @@ def trace_window(
             if y < y0 or y > y1 or x < x0 or x > x1:
                 continue
             bits = cracks[y, x]
+            four = bits & 15 == 15
+            if close:
+                # With two cracks there is one passage: is it walked already?
+                if not four and bits & (WITH_RIGHT if bits & 1 else WITHOUT_RIGHT):
+                    continue
+            elif not four and bits & 15 not in (7, 11, 13, 14):
+                continue
             for crack in range(4):
                 if not (bits >> crack) & 1:
                     continue
@@ -279,8 +284,8 @@ def trace_window(
                 if key < least:
                     least, start = key, size
                 size = put(units, leaves, size, ny + oy, nx + ox, d)
-                area += STEP_Y[d] * nx - STEP_X[d] * ny
-                ny, nx = ny + STEP_Y[d], nx + STEP_X[d]
+                area += step_y(d) * nx - step_x(d) * ny
+                ny, nx = ny + step_y(d), nx + step_x(d)
                 d = pass_through(states, cracks, ny, nx, d)
                 if d == NODE:
                     alone = False
