@@ -241,7 +241,7 @@ def build_network(
     was_kept = kept.copy()
     simplify_arcs(cracks, oy, ox, points, offsets, closed, arcs, fy, fx, epsilon2, stops, kept, at, is_vertex, skip)
     part = find_parts(points, offsets, closed, arcs)
-    # What is connected to vertices that don't move can't be jumped over as a whole.
+    # What is connected to vertices that don't move can't be turned over as a whole.
     anchored = np.zeros(arcs, np.uint8)
     for arc in range(arcs):
         if not closed[arc] and (fixed[offsets[arc]] or fixed[offsets[arc + 1] - 1]):
@@ -326,7 +326,7 @@ def build_network(
                     # A loop through a single vertex outside.
                     if (area > 0) != (own > 0) or (area < 0) != (own < 0):
                         bad[first:k] = 1
-                if k > first and p == arc and not anchored[arc]:
+                if k > first and p == arc:
                     witnesses[found] = first
                     found += 1
             for k in range(count):

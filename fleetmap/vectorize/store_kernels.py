@@ -151,6 +151,9 @@ def list_corners(
 SLACK_EDGES = 1
 """So many edges more than that are let be: each change costs bytes."""
 
+STRETCH_EDGES = 16
+"""So many edges between gaps are looked at together."""
+
 WINDOW_EDGES = 3
 """Kept edges on each side of a gap that are looked at together with it."""
 
@@ -214,7 +217,7 @@ def give_up(
     """Give up the kept edges between vertices ``low`` and ``high`` of an arc if they are too many; how many there were.
 
     ``around`` are the corners of an arc's vertices, beyond its end where it is closed and goes around. What is fewest
-    is only estimated, by going on from the farthest vertex each time.
+    is only estimated, by going on from the two farthest vertices each time.
     """
     end = start + size
     now, held = 0, 0
@@ -227,11 +230,11 @@ def give_up(
             return 0  # it was given up before
         else:
             n = collect(points, start, size, around[q], around[q + 1], fy, fx, stops, at, False, gap)
-            now += choose_fewest(gap, n, epsilon, error, 1) - 1
+            now += choose_fewest(gap, n, epsilon, error, 2) - 1
     if now < 3 or held == 0:
         return 0
     n = collect(points, start, size, around[low], around[high], fy, fx, stops, at, True, gap)
-    if now <= ratio * (choose_fewest(gap, n, epsilon, error, 1) - 1) + SLACK_EDGES:
+    if now <= ratio * (choose_fewest(gap, n, epsilon, error, 2) - 1) + SLACK_EDGES:
         return 0
     for q in range(low, high):
         b = around[q] if around[q] < end else around[q] - size
@@ -308,7 +311,7 @@ def redo_wasteful(
             done = high if lost > 0 else done
         low = 0
         while gaps > 0 and low < count - 1:
-            high = min(low + 2 * WINDOW_EDGES + 1, count - 1)
+            high = min(low + STRETCH_EDGES, count - 1)
             given_up += give_up(
                 points, start, size, around, low, high, fy, fx, epsilon, ratio, stops, kept, at, old_of,
                 gap, error,
@@ -616,3 +619,55 @@ def list_changes(
         )
         gone += 1
     return gone, new, changed
+
+
+FEW_OUTSIDE = 3
+"""A loop with more edges than this outside of the window can't be turned over by what is inside."""
+
+
+@njit(
+    "b1(i4[:,::1], i4[:,::1], i4[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1])",
+    cache=True,
+    nogil=True,
+)
+def is_inverted(
+    records: NDArray[np.int32],
+    points: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    closed: NDArray[np.uint8],
+    arcs: int,
+    first_last: NDArray[np.int32],
+    at: NDArray[np.int32],
+    is_vertex: NDArray[np.uint8],
+) -> bool:
+    """Whether some arc, with the few stored edges that lead back from its end to its start, runs the other way around.
+
+    Arguments as in ``remember``.
+    """
+    for arc in range(arcs):
+        start, record = first_last[2 * arc], np.int64(first_last[2 * arc + 1])
+        if closed[arc] or start < 0 or record < 0:
+            continue
+        true_area, area = np.int64(0), np.int64(0)
+        outside = 0
+        while record != start and record >= 0 and outside < FEW_OUTSIDE:
+            n = np.int64(records[record, NEXT])
+            if n < 0:
+                break
+            true_area += np.int64(records[record, POINT_X]) * records[n, POINT_Y]
+            true_area -= np.int64(records[record, POINT_Y]) * records[n, POINT_X]
+            area += np.int64(records[record, AT_X]) * records[n, AT_Y]
+            area -= np.int64(records[record, AT_Y]) * records[n, AT_X]
+            record = n
+            outside += 1
+        if record != start:
+            continue
+        last = np.int64(offsets[arc])
+        for m in range(offsets[arc] + 1, offsets[arc + 1]):
+            true_area += np.int64(points[m - 1, 1]) * points[m, 0] - np.int64(points[m - 1, 0]) * points[m, 1]
+            if is_vertex[m]:
+                area += np.int64(at[last, 1]) * at[m, 0] - np.int64(at[last, 0]) * at[m, 1]
+                last = m
+        if (true_area > 0) != (area > 0) or (true_area < 0) != (area < 0):
+            return True
+    return False

@@ -106,6 +106,7 @@ def _try_update(
         find_foreign,
         forget,
         gather_touched,
+        is_inverted,
         list_changes,
         list_corners,
         redo_wasteful,
@@ -193,7 +194,9 @@ def _try_update(
 
         # 3. The others.
         splits = found.build(store.cracks, (oy, ox), phase_yx, epsilon2)
-        if splits < 0:
+        if splits < 0 or is_inverted(
+            store.records, found.points, found.offsets, found.closed, arcs, found.ends, found.at, found.is_vertex
+        ):
             store.marks[touched[:n_touched]] = 0
             return None
         edges, tails, heads, edge_arcs = found.edges()

@@ -20,13 +20,13 @@ NODE = -1
 @njit("i8(i8)", cache=True, nogil=True, inline="always")
 def step_y(d: int) -> int:
     """By how much a step in direction d goes up; a table would be built anew for each step."""
-    return (d == 1) - (d == 3)
+    return np.int64(d == 1) - np.int64(d == 3)
 
 
 @njit("i8(i8)", cache=True, nogil=True, inline="always")
 def step_x(d: int) -> int:
     """By how much a step in direction d goes to the right."""
-    return (d == 0) - (d == 2)
+    return np.int64(d == 0) - np.int64(d == 2)
 
 
 @njit("i8(u1[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
