@@ -62,14 +62,15 @@ class Arcs:
 
     def build(
         self, cracks: NDArray[np.uint8], low_yx: tuple[int, int], phase_yx: tuple[int, int], epsilon2: int
-    ) -> int:
-        """Choose the vertices; returns how many edges were split, or -1 (see ``build_network``)."""
+    ) -> tuple[int, int]:
+        """Choose the vertices; returns how many edges were split, or -1, and how many there were before."""
         from fleetmap.vectorize.network_kernels import build_network
 
-        return build_network(
+        splits, before = build_network(
             cracks, *low_yx, self.points, self.offsets, self.closed, self.labels, self.special, len(self), *phase_yx,
             epsilon2, self.fixed, self.stops, self.kept, self.at, self.is_vertex,
         )  # fmt: skip
+        return int(splits), int(before)
 
     def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """Edges as ``conflict_kernels`` has them, with a row to spare; the corners of both ends; the arc of each."""

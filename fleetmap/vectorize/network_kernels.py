@@ -203,8 +203,8 @@ def split_edges(
 
 
 @njit(
-    "i8(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], u1[::1], u1[::1], i8, i8, i8, i8, u1[::1], u1[::1], u1[::1],"
-    " i4[:,::1], u1[::1])",
+    "Tuple((i8, i8))(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], u1[::1], u1[::1], i8, i8, i8, i8, u1[::1],"
+    " u1[::1], u1[::1], i4[:,::1], u1[::1])",
     cache=True,
     nogil=True,
 )
@@ -226,12 +226,13 @@ def build_network(
     kept: NDArray[np.uint8],
     at: NDArray[np.int32],
     is_vertex: NDArray[np.uint8],
-) -> int:
+) -> tuple[int, int]:
     """Simplify arcs, then split edges until all hold, meet only at vertices and enclose what the boundary encloses.
 
     ``special`` marks corners with more than two cracks, the others are as in ``simplify_arcs``; ``stops``, ``kept``,
     ``at`` and ``is_vertex`` change. ``fixed`` marks ends of open arcs at vertices that are not to move, since other
-    edges end there. Returns how many edges were split, or -1 if those vertices are in the way.
+    edges end there. Returns how many edges were split, or -1 if those vertices are in the way; and how many edges there
+    were before.
 
     It ends: each round splits an edge or puts a vertex onto the boundary for good, and the boundary itself is as it
     should be.
@@ -250,9 +251,11 @@ def build_network(
     edges = np.empty((size, 9), np.int64)
     tested = np.full(size, -1, np.int32)  # the head of the edge that leaves a corner and was tested already
     reach = int(np.sqrt(float(epsilon2))) // 16 + 1
-    splits = 0
+    splits, before = 0, -1
     for attempt in range(1 << 30):
         count = list_edges(points, offsets, closed, arcs, at, is_vertex, tails, heads, arc_of, edges)
+        if attempt == 0:
+            before = count
         bad = np.zeros(count, np.uint8)
         rank = np.zeros(count, np.uint8)
         fresh, final, around = np.zeros(count, np.uint8), np.zeros(count, np.uint8), np.zeros(count, np.uint8)
@@ -345,13 +348,13 @@ def build_network(
             if bad[k] and not final[k]:
                 done = False
         if done:
-            return splits
+            return splits, before
         split = split_edges(
             points, offsets, closed, arcs, count, tails, heads, arc_of, edges, bad, final, fixed, stops, kept, at,
             is_vertex, tested, skip,
         )  # fmt: skip
         if split < 0:
-            return -1
+            return -1, before
         splits += split
         simplify_arcs(cracks, oy, ox, points, offsets, closed, arcs, fy, fx, epsilon2, stops, kept, at, is_vertex, skip)
-    return splits
+    return splits, before

@@ -193,7 +193,7 @@ def _try_update(
         )  # fmt: skip
 
         # 3. The others.
-        splits = found.build(store.cracks, (oy, ox), phase_yx, epsilon2)
+        splits, _ = found.build(store.cracks, (oy, ox), phase_yx, epsilon2)
         if splits < 0 or is_inverted(
             store.records, found.points, found.offsets, found.closed, arcs, found.ends, found.at, found.is_vertex
         ):

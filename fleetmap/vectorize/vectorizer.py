@@ -84,6 +84,8 @@ class Vectorizer:
         self.dropped_cells = 0
         self.splits = 0
         """Edges that the last update split so that edges meet only at vertices."""
+        self.edges_before_splits = 0
+        """Edges of the first map before any was split."""
         self.redone = 0
         """Edges that the last update gave up though they held, since all around them took too many vertices."""
         self._map: VectorMap | None = None
@@ -143,7 +145,7 @@ class Vectorizer:
         arcs, (self.dropped_specks, self.dropped_cells) = trace_grid(
             grid, store, shift_yx, self.specks, self.profile == "share"
         )
-        self.splits = arcs.build(store.cracks, store.low_yx, phase_yx, self.epsilon2)
+        self.splits, self.edges_before_splits = arcs.build(store.cracks, store.low_yx, phase_yx, self.epsilon2)
         edges, _, _, arc_of = arcs.edges()
         rows = np.column_stack([edges[:-1, :4], arcs.labels[arc_of]])
         self._map = VectorMap(lattice, rows, arcs.thickness[arc_of], self.epsilon_cells, self.profile)
