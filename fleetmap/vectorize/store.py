@@ -80,12 +80,10 @@ class Store:
         more = int(self.used[1]) + vertices - int(self.used[0])
         if more > len(self.records):
             room = 2 * more
-            old = len(self.records)
             self.records = _longer(self.records, room, -1)
             self.local = _longer(self.local, room, -1)
             self.marks = _longer(self.marks, room, 0)
             self.free = _longer(self.free, room, 0)
-            del old
         if 2 * more > len(self.table):
             from fleetmap.vectorize.index_kernels import insert_record
 
