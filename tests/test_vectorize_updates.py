@@ -132,3 +132,17 @@ def test_the_profile_exact_takes_no_options():
             Vectorizer(profile="exact", **options)
     with pytest.raises(ConfigError, match="share, full, exact"):
         Vectorizer(profile="other")
+
+
+@pytest.mark.parametrize("epsilon_cells", [8.0, 64.0])
+def test_a_large_epsilon_leaves_no_array(epsilon_cells):
+    """Vertices may lie far outside of the grid; what is remembered of them must still be found, and be taken back."""
+    rng = np.random.default_rng(6)
+    states = random_states(rng, 120, 90)
+    vectorizer = Vectorizer(profile="full", epsilon_cells=epsilon_cells, specks=0)
+    vectorizer.update(OccupancyGrid.from_states(states, 0.05))
+    for _ in range(4):
+        window = change(rng, states)
+        grid = OccupancyGrid.from_states(states.copy(), 0.05)
+        vector_map = vectorizer.update(grid, window)
+    assert verify(grid, vector_map, specks=0).violations == ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,8 @@ BLOCK = 64
 """Arrays begin at, and grow by, multiples of so many cells: they are rarely copied, and buckets keep their places."""
 
 RIM = 4
-"""At least so many unknown cells lie around what was ever seen."""
+"""At least so many unknown cells, and epsilon, lie around what was ever seen: a vertex may be epsilon off the boundary,
+and kernels look three cells around it without asking whether they leave the array."""
 
 
 class Store:
@@ -21,10 +24,12 @@ class Store:
     Parameters
     ----------
     low_yx, high_yx : the cells that must have room, half open, in cells of the lattice
+    epsilon_cells : the farthest that a vertex may be from the boundary
     """
 
-    def __init__(self, low_yx: tuple[int, int], high_yx: tuple[int, int]) -> None:
-        self.low_yx, shape = _extent(low_yx, high_yx)
+    def __init__(self, low_yx: tuple[int, int], high_yx: tuple[int, int], epsilon_cells: float) -> None:
+        self._rim = RIM + math.ceil(epsilon_cells)
+        self.low_yx, shape = _extent(low_yx, high_yx, self._rim)
         self.raw: NDArray[np.uint8] = np.full(shape, UNKNOWN, np.uint8)
         """States of the cells as they were read, and with specks filled:"""
         self.states: NDArray[np.uint8] = np.full(shape, UNKNOWN, np.uint8)
@@ -54,13 +59,14 @@ class Store:
         height, width = self.states.shape
         ends = (self.low_yx[0] + height, self.low_yx[1] + width)
         if all(
-            a + RIM <= low and high <= b - RIM
+            a + self._rim <= low and high <= b - self._rim
             for a, b, low, high in zip(self.low_yx, ends, low_yx, high_yx, strict=True)
         ):
             return
         low, shape = _extent(
-            (min(low_yx[0], self.low_yx[0] + RIM), min(low_yx[1], self.low_yx[1] + RIM)),
-            (max(high_yx[0], ends[0] - RIM), max(high_yx[1], ends[1] - RIM)),
+            (min(low_yx[0], self.low_yx[0] + self._rim), min(low_yx[1], self.low_yx[1] + self._rim)),
+            (max(high_yx[0], ends[0] - self._rim), max(high_yx[1], ends[1] - self._rim)),
+            self._rim,
         )
         y, x = self.low_yx[0] - low[0], self.low_yx[1] - low[1]
         raw, states = np.full(shape, UNKNOWN, np.uint8), np.full(shape, UNKNOWN, np.uint8)
@@ -107,12 +113,14 @@ class Store:
             *self.low_yx, arcs.points, arcs.offsets, arcs.labels, arcs.closed, thickness, len(arcs), arcs.ends, arcs.at,
             arcs.is_vertex,
         )  # fmt: skip
+        if self.free_links[1] >= len(self.links):
+            raise AssertionError("the buckets are full: more room was reserved than all edges can take")
 
 
-def _extent(low_yx: tuple[int, int], high_yx: tuple[int, int]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Where arrays for these cells begin, and their shape: whole blocks."""
-    low = tuple((v - RIM) // BLOCK * BLOCK for v in low_yx)
-    high = tuple(-(-(v + RIM) // BLOCK) * BLOCK for v in high_yx)
+def _extent(low_yx: tuple[int, int], high_yx: tuple[int, int], rim: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Where arrays for these cells and a rim around them begin, and their shape: whole blocks."""
+    low = tuple((v - rim) // BLOCK * BLOCK for v in low_yx)
+    high = tuple(-(-(v + rim) // BLOCK) * BLOCK for v in high_yx)
     return (low[0], low[1]), (high[0] - low[0], high[1] - low[1])
 
 

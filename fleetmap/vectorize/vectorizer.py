@@ -141,7 +141,7 @@ class Vectorizer:
     def _begin(
         self, grid: OccupancyGrid, lattice: Lattice, shift_yx: tuple[int, int], phase_yx: tuple[int, int]
     ) -> None:
-        store = Store(shift_yx, (shift_yx[0] + grid.height, shift_yx[1] + grid.width))
+        store = Store(shift_yx, (shift_yx[0] + grid.height, shift_yx[1] + grid.width), self.epsilon_cells)
         arcs, (self.dropped_specks, self.dropped_cells) = trace_grid(
             grid, store, shift_yx, self.specks, self.profile == "share"
         )
