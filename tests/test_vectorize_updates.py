@@ -11,6 +11,7 @@ from fleetmap.model.delta import diff
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.pose import Pose2
 from fleetmap.vectorize import PROFILES, Vectorizer, rasterize, vectorize, verify
 
 
@@ -146,3 +147,36 @@ def test_a_large_epsilon_leaves_no_array(epsilon_cells):
         grid = OccupancyGrid.from_states(states.copy(), 0.05)
         vector_map = vectorizer.update(grid, window)
     assert verify(grid, vector_map, specks=0).violations == ()
+
+
+def from_text(*rows):
+    """States of rows from the top: free, occupied, unknown as . # ?"""
+    return np.array([[".#?".index(c) for c in row] for row in reversed(rows)], np.uint8)
+
+
+def test_a_face_closed_by_nodes_in_the_window_and_a_vertex_outside_is_not_turned_over():
+    # Found by benchmarks/fuzz_vectorize.py, seed 795072: the sliver of free space on the left ends at two nodes.
+    before = from_text("?....?....#....", "??.............", "???????????????", "?..............")
+    after = from_text("?....?...#.#..#", "??........#....", "?????????#.....", "?..............")
+    vectorizer = Vectorizer(profile="share", epsilon_cells=3.0, specks=12)
+    vectorizer.update(OccupancyGrid.from_states(before, 0.05))
+    grid = OccupancyGrid.from_states(after, 0.05)
+    vector_map = vectorizer.update(grid, (1, 9, 4, 15))
+    assert verify(grid, vector_map, specks=12).violations == ()
+
+
+@pytest.mark.parametrize("profile", ["share", "full"])
+def test_a_grid_seen_again_at_moderate_phases_keeps_nearly_all_of_its_edges(profile):
+    states = terrain(3)
+    vectorizer = Vectorizer(profile=profile)
+    last = vectorizer.update(OccupancyGrid.from_states(states, 0.05))
+    rng = np.random.default_rng(0)
+    changed = []
+    for _ in range(20):
+        x, y = rng.uniform(-0.35, 0.35, 2) * 0.05
+        grid = OccupancyGrid.from_states(states, 0.05, Pose2(x, y))
+        vector_map = vectorizer.update(grid)
+        changed.append(len(diff(last, vector_map).removed) / len(last))
+        last = vector_map
+    assert verify(grid, last, specks=vectorizer.specks).violations == ()
+    assert np.median(changed[1:]) <= 0.05

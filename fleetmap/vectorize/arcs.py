@@ -61,20 +61,23 @@ class Arcs:
         )  # fmt: skip
 
     def build(
-        self, cracks: NDArray[np.uint8], low_yx: tuple[int, int], phase_yx: tuple[int, int], epsilon2: int
+        self, cracks: NDArray[np.uint8], low_yx: tuple[int, int], phase_yx: tuple[int, int], epsilon2: int, choose2: int
     ) -> tuple[int, int]:
-        """Choose the vertices; returns how many edges were split, or -1, and how many there were before."""
+        """Choose the vertices; returns how many edges were split, or -1, and how many there were before.
+
+        Edges hold if they are within ``epsilon2``; what is new is chosen within ``choose2``.
+        """
         from fleetmap.vectorize.network_kernels import build_network
 
         splits, before = build_network(
             cracks, *low_yx, self.points, self.offsets, self.closed, self.labels, self.special, len(self), *phase_yx,
-            epsilon2, self.fixed, self.stops, self.kept, self.at, self.is_vertex,
+            epsilon2, choose2, self.fixed, self.stops, self.kept, self.at, self.is_vertex,
         )  # fmt: skip
         return int(splits), int(before)
 
     def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """Edges as ``conflict_kernels`` has them, with a row to spare; the corners of both ends; the arc of each."""
-        from fleetmap.vectorize.network_kernels import list_edges
+        """Edges as ``edge_kernels`` has them, with a row to spare; the corners of both ends; the arc of each."""
+        from fleetmap.vectorize.edge_kernels import list_edges
 
         most = int(np.count_nonzero(self.is_vertex)) + 1
         tails, heads, arc_of = (np.empty(most, np.int32) for _ in range(3))

@@ -67,21 +67,28 @@ def find_corners(
     """
     count = 0
     most = len(corners)
-    straight = np.uint64(0x0505050505050505)
+    one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
+    lowest, every = np.uint64(0x0101010101010101), np.uint64(0xFFFFFFFFFFFFFFFF)
     first, last = x0 >> 3, (x1 + 7) >> 3
+    before, beyond = np.uint64(8 * (x0 & 7)), np.uint64(8 * (8 * last - x1))
     for y in range(y0, y1):
-        row, line = words[y], cracks[y]
+        row = words[y]
         for w in range(first, last):
             word = row[w]
-            if word == 0 or word == straight:
+            # Left and right, or up and down, are not alike; or all four are there.
+            odd = word ^ (word >> two)
+            corner = (odd | (odd >> one) | (word & (word >> one) & (word >> two) & (word >> three))) & lowest
+            if corner == 0:
                 continue
-            for x in range(max(8 * w, x0), min(8 * w + 8, x1)):
-                bits = line[x]
-                if bits != 0 and bits != 5 and bits != 10:
-                    if count == most:
-                        return -1
-                    corners[count, 0], corners[count, 1] = y, x
-                    count += 1
+            corner &= every << before if w == first else every
+            corner &= every >> beyond if w == last - 1 else every
+            if count + 8 > most:
+                return -1
+            # All eight are written, and those that are none overwritten: that takes no guess which way a branch goes.
+            for k in range(8):
+                corners[count, 0], corners[count, 1] = y, 8 * w + k
+                count += np.int64(corner & one)
+                corner >>= np.uint64(8)
     return count
 
 

@@ -1,8 +1,6 @@
 """Numba kernels that find edges which meet elsewhere than at a common vertex, or leave it in the wrong order.
 
-Edges are rows of nine int64: the tail's and the head's place (y0, x0, y1, x1), the boundary points that they stand
-for (the next four), and the direction of the crack that leaves the tail's point plus 4 times that of the one which
-enters the head's. Exact: |coordinate| <= 2^21.
+Edges as in ``edge_kernels``. Exact: |coordinate| <= 2^21.
 """
 
 from __future__ import annotations
@@ -11,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-BUCKET_CELLS = 16
-"""Edges are looked up in squares of this size."""
+BUCKET = 16
+"""Edges are looked up in squares of so many cells."""
 
 
 @njit("i8(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
@@ -60,81 +58,67 @@ def conflict(edges: NDArray[np.int64], e: int, f: int) -> bool:
     return shared > 1
 
 
-@njit("Tuple((i4[::1], i4[::1], i8, i8, i8, i8))(i8[:,::1], i8)", cache=True, nogil=True)
-def fill_buckets(
-    edges: NDArray[np.int64], bucket: int
-) -> tuple[NDArray[np.int32], NDArray[np.int32], int, int, int, int]:
-    """Sort edges into squares that they may touch: (starts, content, low_y, low_x, rows, columns)."""
-    count = len(edges)
-    low_y, low_x, high_y, high_x = 1 << 40, 1 << 40, -(1 << 40), -(1 << 40)
-    for k in range(count):
-        low_y, high_y = min(low_y, min(edges[k, 0], edges[k, 2])), max(high_y, max(edges[k, 0], edges[k, 2]))
-        low_x, high_x = min(low_x, min(edges[k, 1], edges[k, 3])), max(high_x, max(edges[k, 1], edges[k, 3]))
-    if count == 0:
-        low_y = low_x = high_y = high_x = 0
-    rows, columns = (high_y - low_y) // bucket + 1, (high_x - low_x) // bucket + 1
-    starts = np.zeros(rows * columns + 1, np.int32)
-    content = np.empty(0, np.int32)
-    for filling in range(2):
-        for k in range(count):
-            y0, x0, y1, x1 = edges[k, 0] - low_y, edges[k, 1] - low_x, edges[k, 2] - low_y, edges[k, 3] - low_x
-            if y0 > y1:
-                y0, x0, y1, x1 = y1, x1, y0, x0
-            for row in range(y0 // bucket, y1 // bucket + 1):
-                xa, xb = x0, x1
-                if y1 // bucket > y0 // bucket:
-                    # Rounded outwards by one cell: a bucket too many does no harm.
-                    xa = x0 + (max(y0, row * bucket) - y0) * (x1 - x0) // (y1 - y0)
-                    xb = x0 + (min(y1, row * bucket + bucket) - y0) * (x1 - x0) // (y1 - y0)
-                    xa, xb = min(xa, xb) - 1, max(xa, xb) + 1
-                left, right = max(min(xa, xb), 0), min(max(xa, xb), high_x - low_x)
-                for column in range(left // bucket, right // bucket + 1):
-                    place = row * columns + column
-                    if filling:
-                        starts[place] -= 1
-                        content[starts[place]] = k
-                    else:
-                        starts[place] += 1
-        if not filling:
-            for place in range(1, len(starts)):
-                starts[place] += starts[place - 1]
-            content = np.empty(starts[-1], np.int32)
-    return starts, content, low_y, low_x, rows, columns
-
-
-@njit("void(i8[:,::1], i4[::1], i4[::1], u1[::1], u1[::1], b1, u1[::1])", cache=True, nogil=True)
-def find_conflicts(
+@njit(
+    "Tuple((i8, i4[:,::1]))(i8[:,::1], i8, u1[::1], u1[::1], i8, i8, i4[:,::1], i8, i4[:,::1], b1, u1[::1])",
+    cache=True,
+    nogil=True,
+)
+def link_and_test(
     edges: NDArray[np.int64],
-    starts: NDArray[np.int32],
-    content: NDArray[np.int32],
+    e: int,
+    alive: NDArray[np.uint8],
     rank: NDArray[np.uint8],
-    fresh: NDArray[np.uint8],
+    low_y: int,
+    low_x: int,
+    buckets: NDArray[np.int32],
+    used: int,
+    links: NDArray[np.int32],
     both: bool,
     bad: NDArray[np.uint8],
-) -> None:
-    """Set ``bad`` for one edge of each pair in conflict that has a ``fresh`` one; ``both`` for both of one rank.
+) -> tuple[int, NDArray[np.int32]]:
+    """Put edge e into the buckets that it may touch; set ``bad`` for one of each pair in conflict with one there.
 
-    It is the one of lower ``rank``; of equals the longer one, and of equally long ones the one that goes up: the
-    triangle that is left of a single cell then has the cell's centre inside, by the rule of ``model.raster``.
+    ``buckets`` holds the first link of each square of ``BUCKET`` cells, the first square at (low_y, low_x); ``links``
+    rows (edge, next link), of which so many are ``used``. Returns the new number and the links, in more room if needed.
+
+    In a pair it is the one of lower ``rank``; of equals the longer one (``both`` if asked for), and of equally long
+    ones the one that goes up: the triangle that is left of a single cell then has the cell's centre inside, by the rule
+    of ``model.raster``.
     """
-    for place in range(len(starts) - 1):
-        for p in range(starts[place], starts[place + 1]):
-            e = content[p]
-            for q in range(p + 1, starts[place + 1]):
-                f = content[q]
-                if (not fresh[e] and not fresh[f]) or not conflict(edges, e, f):
+    y0, x0, y1, x1 = edges[e, 0] - low_y, edges[e, 1] - low_x, edges[e, 2] - low_y, edges[e, 3] - low_x
+    rise, run = edges[e, 2] - edges[e, 0], edges[e, 3] - edges[e, 1]
+    if y0 > y1:
+        y0, x0, y1, x1 = y1, x1, y0, x0
+    for row in range(y0 // BUCKET, y1 // BUCKET + 1):
+        xa, xb = x0, x1
+        if y1 // BUCKET > y0 // BUCKET:
+            # Rounded outwards by one cell: a bucket too many does no harm.
+            xa = x0 + (max(y0, row * BUCKET) - y0) * (x1 - x0) // (y1 - y0)
+            xb = x0 + (min(y1, row * BUCKET + BUCKET) - y0) * (x1 - x0) // (y1 - y0)
+            xa, xb = min(xa, xb) - 1, max(xa, xb) + 1
+        left, right = max(min(xa, xb), min(x0, x1)), min(max(xa, xb), max(x0, x1))
+        for column in range(left // BUCKET, right // BUCKET + 1):
+            link = np.int64(buckets[row, column])
+            while link >= 0:
+                f = np.int64(links[link, 0])
+                link = np.int64(links[link, 1])
+                if not alive[f] or not conflict(edges, e, f):
                     continue
                 if rank[e] != rank[f]:
                     bad[e if rank[e] < rank[f] else f] = 1
                     continue
-                ay, ax, by, bx = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
-                longer = (by - ay) ** 2 + (bx - ax) ** 2
-                longer -= (edges[f, 2] - edges[f, 0]) ** 2 + (edges[f, 3] - edges[f, 1]) ** 2
-                this = longer > 0 or (longer == 0 and (by > ay or (by == ay and bx > ax)))
+                longer = rise**2 + run**2 - (edges[f, 2] - edges[f, 0]) ** 2 - (edges[f, 3] - edges[f, 1]) ** 2
+                this = longer > 0 or (longer == 0 and (rise > 0 or (rise == 0 and run > 0)))
                 if this or both:
                     bad[e] = 1
                 if not this or both:
                     bad[f] = 1
+            if used == len(links):
+                links = np.concatenate((links, np.empty_like(links)))
+            links[used, 0], links[used, 1] = e, buckets[row, column]
+            buckets[row, column] = used
+            used += 1
+    return used, links
 
 
 @njit("b1(i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
@@ -146,33 +130,53 @@ def is_before(ay: int, ax: int, by: int, bx: int) -> bool:
     return ax * by - ay * bx > 0
 
 
-@njit("void(i8[:,::1], u1[::1], u1[::1])", cache=True, nogil=True)
-def find_turned(edges: NDArray[np.int64], special: NDArray[np.uint8], bad: NDArray[np.uint8]) -> None:
+@njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8)", cache=True, nogil=True)
+def list_crossings(
+    points: NDArray[np.int32], offsets: NDArray[np.int32], special: NDArray[np.uint8], arcs: int
+) -> NDArray[np.int32]:
+    """The corners with more than two cracks, those at one point after the other."""
+    found = np.flatnonzero(special[: offsets[arcs]])
+    keys = np.empty(len(found), np.int64)
+    for q in range(len(found)):
+        keys[q] = (np.int64(points[found[q], 0]) << 24) + points[found[q], 1]
+    return found[np.argsort(keys, kind="mergesort")].astype(np.int32)
+
+
+@njit(
+    "void(i8[:,::1], i4[:,::1], i4[::1], i4[::1], i4[::1], u1[::1])",
+    cache=True,
+    nogil=True,
+)
+def find_turned(
+    edges: NDArray[np.int64],
+    points: NDArray[np.int32],
+    crossings: NDArray[np.int32],
+    edge_from: NDArray[np.int32],
+    edge_into: NDArray[np.int32],
+    bad: NDArray[np.uint8],
+) -> None:
     """Set ``bad`` for one edge of each vertex around which the edges don't have the order of their cracks.
 
-    ``special`` has bit 1 set for edges whose tail, bit 2 whose head, stands for a point with more than two cracks.
+    ``crossings`` are corners as ``list_crossings`` has them, ``edge_from`` and ``edge_into`` the edges that begin and
+    end at each corner, or -1.
     """
-    ends = 0
-    for k in range(len(edges)):
-        ends += (special[k] & 1) + (special[k] >> 1)
-    keys, owner = np.empty(ends, np.int64), np.empty(ends, np.int64)
-    ends = 0
-    for k in range(len(edges)):
-        for side in range(2):
-            if (special[k] >> side) & 1:
-                keys[ends] = (edges[k, 4 + 2 * side] << 24) + edges[k, 5 + 2 * side]
-                owner[ends] = 2 * k + side
-                ends += 1
-    order = np.argsort(keys, kind="mergesort")
+    owner, side_of = np.empty(8, np.int64), np.empty(8, np.int64)
     crack, away = np.empty(8, np.int64), np.empty((8, 2), np.int64)
-    first = 0
+    first, ends = 0, len(crossings)
     while first < ends:
         last = first
-        while last < ends and keys[order[last]] == keys[order[first]] and last - first < 8:
+        size = 0
+        y, x = points[crossings[first], 0], points[crossings[first], 1]
+        while last < ends and points[crossings[last], 0] == y and points[crossings[last], 1] == x:
+            for side in range(2):
+                k = edge_into[crossings[last]] if side else edge_from[crossings[last]]
+                if k >= 0 and size < 8:
+                    owner[size], side_of[size] = k, side
+                    size += 1
             last += 1
-        size = last - first
+        first = last
         for q in range(size):
-            k, side = owner[order[first + q]] >> 1, owner[order[first + q]] & 1
+            k, side = owner[q], side_of[q]
             crack[q] = (edges[k, 8] >> 2) + 2 & 3 if side else edges[k, 8] & 3
             away[q, 0] = edges[k, 2 - 2 * side] - edges[k, 2 * side]
             away[q, 1] = edges[k, 3 - 2 * side] - edges[k, 2 * side + 1]
@@ -181,22 +185,19 @@ def find_turned(edges: NDArray[np.int64], special: NDArray[np.uint8], bad: NDArr
             for r in range(q, 0, -1):
                 if crack[r] < crack[r - 1]:
                     crack[r], crack[r - 1] = crack[r - 1], crack[r]
-                    ay, ax = away[r, 0], away[r, 1]
-                    away[r, 0], away[r, 1] = away[r - 1, 0], away[r - 1, 1]
-                    away[r - 1, 0], away[r - 1, 1] = ay, ax
+                    owner[r], owner[r - 1] = owner[r - 1], owner[r]
+                    for axis in range(2):
+                        away[r, axis], away[r - 1, axis] = away[r - 1, axis], away[r, axis]
         descents = 0
         for q in range(size):
             r = (q + 1) % size
             descents += not is_before(away[q, 0], away[q, 1], away[r, 0], away[r, 1])
         if size > 2 and descents != 1:
             # The one that has turned farthest from its crack.
-            worst, least = first, 2.0
-            for q in range(first, last):
-                k, side = owner[order[q]] >> 1, owner[order[q]] & 1
-                d = (edges[k, 8] >> 2) + 2 & 3 if side else edges[k, 8] & 3
-                y, x = edges[k, 2 - 2 * side] - edges[k, 2 * side], edges[k, 3 - 2 * side] - edges[k, 2 * side + 1]
+            worst, least = 0, 2.0
+            for q in range(size):
+                y, x, d = away[q, 0], away[q, 1], crack[q]
                 along = (x if d == 0 else y if d == 1 else -x if d == 2 else -y) / np.sqrt(float(y * y + x * x))
                 if along < least:
                     worst, least = q, along
-            bad[owner[order[worst]] >> 1] = 1
-        first = last
+            bad[owner[worst]] = 1

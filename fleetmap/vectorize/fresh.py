@@ -28,7 +28,7 @@ def trace_grid(
     """
     from fleetmap.vectorize.cells_kernels import fill_specks, find_corners, find_cracks, read_states
     from fleetmap.vectorize.obstacle_kernels import find_explained, measure_depth
-    from fleetmap.vectorize.walk_kernels import trace_arcs
+    from fleetmap.vectorize.walk_kernels import finish_points, trace_arcs
 
     states, cracks = store.states, store.cracks
     height, width = states.shape
@@ -59,10 +59,7 @@ def trace_grid(
         offsets = np.concatenate([[0], np.cumsum(lengths[keep])]).astype(np.int32)
         labels, closed, thickness = labels[keep], closed[keep], thickness[keep]
         measure_depth(states, points, offsets, closed, labels, len(labels), thickness)
-    special = SPECIAL[cracks[points[:, 0], points[:, 1]] & 15]
-    points += np.array(store.low_yx, np.int32)
+    special = np.empty(len(points), np.uint8)
+    finish_points(cracks, *store.low_yx, points, special)
     return Arcs.untouched(points, offsets, labels, closed, thickness, special), (int(filled[0]), int(filled[1]))
 
-
-SPECIAL: NDArray[np.uint8] = np.array([bits in (7, 11, 13, 14, 15) for bits in range(16)], np.uint8)
-"""Where more than two cracks meet, by the bits of ``cracks_kernels``."""

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.vectorize.conflict_kernels import BUCKET
+
 SCALE = 1 << 24
 SHIFT_Y, SHIFT_X = 1009, 577
 """Points are looked at this little (in 1 / SCALE of a cell) up and to the right of where they are, so that none lies
@@ -80,7 +82,7 @@ def count_passes(
 
 
 @njit(
-    "void(i4[:,::1], i4[::1], i4[::1], i4[::1], i4[::1], i8[:,::1], i4[::1], i4[::1], i8, i8, i8, i8, i8,"
+    "void(i4[:,::1], i4[::1], i4[::1], i4[::1], i4[::1], i8[:,::1], u1[::1], i8, i8, i4[:,::1], i4[:,::1],"
     " i4[::1], i4[::1], i8, u1[::1])",
     cache=True,
     nogil=True,
@@ -92,13 +94,11 @@ def find_jumps(
     heads: NDArray[np.int32],
     arc_of: NDArray[np.int32],
     edges: NDArray[np.int64],
-    starts: NDArray[np.int32],
-    content: NDArray[np.int32],
+    alive: NDArray[np.uint8],
     low_y: int,
     low_x: int,
-    rows: int,
-    columns: int,
-    bucket: int,
+    buckets: NDArray[np.int32],
+    links: NDArray[np.int32],
     part_of: NDArray[np.int32],
     witnesses: NDArray[np.int32],
     reach: int,
@@ -107,7 +107,8 @@ def find_jumps(
     """Set ``bad`` for edges that have jumped over the tail of a ``witnesses`` edge of another part, and for that one.
 
     ``part_of`` says for each arc which part of the network, connected in itself, it belongs to: if nothing crosses, a
-    part is jumped over as a whole, and one witness of it is enough. ``reach`` is epsilon rounded up, in cells.
+    part is jumped over as a whole, and one witness of it is enough. ``reach`` is epsilon rounded up, in cells; buckets
+    and links as in ``link_and_test``.
     """
     looked_at = np.full(len(edges), -1, np.int32)
     for n in range(len(witnesses)):
@@ -115,12 +116,13 @@ def find_jumps(
         wy, wx, py, px = edges[e, 0], edges[e, 1], edges[e, 4], edges[e, 5]
         y0, y1 = min(wy, py) - reach - low_y, max(wy, py) + reach - low_y
         x0, x1 = min(wx, px) - reach - low_x, max(wx, px) + reach - low_x
-        for row in range(max(y0, 0) // bucket, min(y1 // bucket, rows - 1) + 1):
-            for column in range(max(x0, 0) // bucket, min(x1 // bucket, columns - 1) + 1):
-                place = row * columns + column
-                for p in range(starts[place], starts[place + 1]):
-                    k = content[p]
-                    if looked_at[k] == n or part_of[arc_of[k]] == part_of[arc_of[e]]:
+        for row in range(max(y0, 0) // BUCKET, min(y1 // BUCKET + 1, len(buckets))):
+            for column in range(max(x0, 0) // BUCKET, min(x1 // BUCKET + 1, buckets.shape[1])):
+                link = np.int64(buckets[row, column])
+                while link >= 0:
+                    k = links[link, 0]
+                    link = np.int64(links[link, 1])
+                    if not alive[k] or looked_at[k] == n or part_of[arc_of[k]] == part_of[arc_of[e]]:
                         continue
                     looked_at[k] = n
                     if (

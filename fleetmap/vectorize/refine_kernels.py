@@ -201,6 +201,9 @@ def refit_vertices(
             yy, xx, yx = moments_about(moments, low, high, cy, cx)
             dy, dx = y - cy, x - cx
             length2 = dy * dy + dx * dx
+            if length2 == 0.0:  # a vertex that must stay lies where this corner does
+                now += yy + xx
+                continue
             along2 = (yy * dy * dy + 2.0 * yx * dy * dx + xx * dx * dx) / (length2 * length2)  # sum of s^2
             across = (yy * dy * dx - yx * (dy * dy - dx * dx) - xx * dy * dx) / (length2 * np.sqrt(length2))  # s e
             now += max((xx * dy * dy - 2.0 * yx * dy * dx + yy * dx * dx) / length2, 0.0)

@@ -147,8 +147,58 @@ def simplify_loop(
 
 
 @njit(
-    "void(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], i8, i8, i8, i8, u1[::1], u1[::1], i4[:,::1], u1[::1],"
-    " u1[::1])",
+    "void(u1[:,::1], i8, i8, i4[:,::1], i8, i8, i8, i8, i8, i8, i8, f8, i4[:,::1], u1[::1], i8[:,::1], f8[::1],"
+    " f8[:,::1], f8[:,::1])",
+    cache=True,
+    nogil=True,
+)
+def simplify_gap(
+    cracks: NDArray[np.uint8],
+    oy: int,
+    ox: int,
+    points: NDArray[np.int32],
+    start: int,
+    end: int,
+    first: int,
+    last: int,
+    fy: int,
+    fx: int,
+    epsilon2: int,
+    epsilon: float,
+    at: NDArray[np.int32],
+    is_vertex: NDArray[np.uint8],
+    gap: NDArray[np.int64],
+    error: NDArray[np.float64],
+    moments: NDArray[np.float64],
+    wedges: NDArray[np.float64],
+) -> None:
+    """Choose the vertices between two that stay, corners ``first`` and ``last`` of the arc from ``start`` to ``end``.
+
+    Once around it, if they are the same.
+    """
+    n = 0
+    m = first
+    while True:
+        gap[TRUE_Y, n], gap[TRUE_X, n] = 16 * points[m, 0] + fy, 16 * points[m, 1] + fx
+        gap[AT_Y, n], gap[AT_X, n] = points[m, 0], points[m, 1]
+        n += 1
+        if n > 1 and m == last:
+            break
+        m = m + 1 if m + 1 < end else start
+    for q, m in ((0, first), (n - 1, last)):
+        gap[AT_Y, q], gap[AT_X, q] = at[m, 0], at[m, 1]
+    count = choose_fewest(gap, n, epsilon, error, SOURCES)
+    count = refine(cracks, oy, ox, gap, n, epsilon2, epsilon, count, 2, moments, wedges)
+    for q in range(1, count - 1):
+        c = first + gap[CORNER, q]
+        if c >= end:
+            c -= end - start
+        is_vertex[c] = 1
+        at[c, 0], at[c, 1] = gap[PLACE_Y, q], gap[PLACE_X, q]
+
+
+@njit(
+    "void(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], i8, i8, i8, i8, u1[::1], u1[::1], i4[:,::1], u1[::1])",
     cache=True,
     nogil=True,
 )
@@ -167,9 +217,8 @@ def simplify_arcs(
     kept: NDArray[np.uint8],
     at: NDArray[np.int32],
     is_vertex: NDArray[np.uint8],
-    skip: NDArray[np.uint8],
 ) -> None:
-    """Choose the vertices of all arcs but those with ``skip`` set.
+    """Choose the vertices of all arcs.
 
     Parameters
     ----------
@@ -184,8 +233,7 @@ def simplify_arcs(
     """
     longest = 0
     for arc in range(arcs):
-        if not skip[arc]:
-            longest = max(longest, offsets[arc + 1] - offsets[arc])
+        longest = max(longest, offsets[arc + 1] - offsets[arc])
     room = longest + 2
     gap, error = np.empty((GAP_ROWS, room), np.int64), np.empty(room, np.float64)
     moments, wedges = np.empty((room, 6), np.float64), np.empty((room, 6), np.float64)
@@ -193,51 +241,35 @@ def simplify_arcs(
     for arc in range(arcs):
         start, end = np.int64(offsets[arc]), np.int64(offsets[arc + 1])
         size = end - start
-        if skip[arc] or size < 2:
+        if size < 2:
             continue
-        first = start if not closed[arc] else np.int64(-1)
+        first = start
         if closed[arc]:
-            for m in range(start, end):
-                if stops[m]:
-                    first = m
-                    break
-            if first < 0:
+            while first < end and not stops[first]:
+                first += 1
+            if first == end:
                 simplify_loop(
                     cracks, oy, ox, points, start, size, fy, fx, epsilon2, epsilon, at, is_vertex, gap, error, moments,
                     wedges,
                 )  # fmt: skip
                 continue
+        walked, total = 0, size if closed[arc] else size - 1
         m = first
-        walked = 0
-        total = size if closed[arc] else size - 1
-        is_vertex[first] = 1
         while walked < total:
-            # The gap from this stop to the next one.
-            n = 0
+            # On to the next stop.
             k = m
-            while True:
-                gap[TRUE_Y, n], gap[TRUE_X, n] = 16 * points[k, 0] + fy, 16 * points[k, 1] + fx
-                gap[AT_Y, n], gap[AT_X, n] = points[k, 0], points[k, 1]
-                if stops[k]:
-                    gap[AT_Y, n], gap[AT_X, n] = at[k, 0], at[k, 1]
-                n += 1
-                if n > 1 and (stops[k] or walked == total):
-                    break
-                k += 1
+            while k == m or (walked < total and not stops[k]):
+                k = k + 1 if k + 1 < end else start
                 walked += 1
-                if k == end:
-                    k = start
-            is_vertex[k] = 1
-            for end_corner in (m, k):
-                if not stops[end_corner]:
-                    at[end_corner, 0], at[end_corner, 1] = points[end_corner, 0], points[end_corner, 1]
+                if walked == total:
+                    break
+            for c in (m, k):
+                is_vertex[c] = 1
+                if not stops[c]:
+                    at[c, 0], at[c, 1] = points[c, 0], points[c, 1]
             if not kept[m]:
-                count = choose_fewest(gap, n, epsilon, error, SOURCES)
-                count = refine(cracks, oy, ox, gap, n, epsilon2, epsilon, count, 2, moments, wedges)
-                for q in range(1, count - 1):
-                    c = m + gap[CORNER, q]
-                    if c >= end:
-                        c -= size
-                    is_vertex[c] = 1
-                    at[c, 0], at[c, 1] = gap[PLACE_Y, q], gap[PLACE_X, q]
+                simplify_gap(
+                    cracks, oy, ox, points, start, end, m, k, fy, fx, epsilon2, epsilon, at, is_vertex, gap, error,
+                    moments, wedges,
+                )  # fmt: skip
             m = k

@@ -348,7 +348,7 @@ def find_foreign(
     """List and mark stored edges, not marked so far, that new ones conflict with or have jumped over.
 
     Beside the first vertex of a closed arc every stored edge within reach is listed: it may have jumped over that.
-    ``edges`` as in ``conflict_kernels``, with one unused row at the end. Returns how many were found.
+    ``edges`` as in ``edge_kernels``, with one unused row at the end. Returns how many were found.
     """
     total = 0
     wide2 = (16 * (reach + 1)) ** 2
@@ -619,55 +619,3 @@ def list_changes(
         )
         gone += 1
     return gone, new, changed
-
-
-FEW_OUTSIDE = 3
-"""A loop with more edges than this outside of the window can't be turned over by what is inside."""
-
-
-@njit(
-    "b1(i4[:,::1], i4[:,::1], i4[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1])",
-    cache=True,
-    nogil=True,
-)
-def is_inverted(
-    records: NDArray[np.int32],
-    points: NDArray[np.int32],
-    offsets: NDArray[np.int32],
-    closed: NDArray[np.uint8],
-    arcs: int,
-    first_last: NDArray[np.int32],
-    at: NDArray[np.int32],
-    is_vertex: NDArray[np.uint8],
-) -> bool:
-    """Whether some arc, with the few stored edges that lead back from its end to its start, runs the other way around.
-
-    Arguments as in ``remember``.
-    """
-    for arc in range(arcs):
-        start, record = first_last[2 * arc], np.int64(first_last[2 * arc + 1])
-        if closed[arc] or start < 0 or record < 0:
-            continue
-        true_area, area = np.int64(0), np.int64(0)
-        outside = 0
-        while record != start and record >= 0 and outside < FEW_OUTSIDE:
-            n = np.int64(records[record, NEXT])
-            if n < 0:
-                break
-            true_area += np.int64(records[record, POINT_X]) * records[n, POINT_Y]
-            true_area -= np.int64(records[record, POINT_Y]) * records[n, POINT_X]
-            area += np.int64(records[record, AT_X]) * records[n, AT_Y]
-            area -= np.int64(records[record, AT_Y]) * records[n, AT_X]
-            record = n
-            outside += 1
-        if record != start:
-            continue
-        last = np.int64(offsets[arc])
-        for m in range(offsets[arc] + 1, offsets[arc + 1]):
-            true_area += np.int64(points[m - 1, 1]) * points[m, 0] - np.int64(points[m - 1, 0]) * points[m, 1]
-            if is_vertex[m]:
-                area += np.int64(at[last, 1]) * at[m, 0] - np.int64(at[last, 0]) * at[m, 1]
-                last = m
-        if (true_area > 0) != (area > 0) or (true_area < 0) != (area < 0):
-            return True
-    return False

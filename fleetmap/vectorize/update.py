@@ -11,10 +11,15 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import OCCUPIED, UNKNOWN
 from fleetmap.vectorize.arcs import Arcs
 from fleetmap.vectorize.fresh import APART_CELLS, FREE_PERCENT, OCCUPIED_PERCENT
+from fleetmap.vectorize.phase import SIXTEENTHS
 from fleetmap.vectorize.store import Store
 
 REDO_RATIO = 1.15
 """Edges beside a gap are done anew if they would be more than so many times the fewest: what stickiness may cost."""
+
+CELL2 = SIXTEENTHS**2
+"""When the phase has moved, new edges are chosen within epsilon / sqrt(2), but not within less than a cell, so that they
+hold the next time, too. Boundaries are ragged by whole cells: this takes but 2 to 10 % more edges."""
 
 WIDEN_CELLS = 32
 """By so much the window grows when a vertex outside of it is in the way; four times as much the next time."""
@@ -67,6 +72,7 @@ def update_arcs(
     store: Store,
     dirty: tuple[int, int, int, int] | None,
     phase_yx: tuple[int, int],
+    moved: bool,
     epsilon2: int,
     share: bool,
 ) -> Changes:
@@ -76,10 +82,11 @@ def update_arcs(
     ----------
     dirty : cells (y0, x0, y1, x1) of the lattice, half open, whose state may have changed; None: all
     phase_yx, epsilon2 : see ``build_network``
+    moved : whether the phase is another one than the last time
     """
     widen = 0
     while True:
-        changes = _try_update(store, dirty, widen, phase_yx, epsilon2, share)
+        changes = _try_update(store, dirty, widen, phase_yx, moved, epsilon2, share)
         if changes is not None:
             return changes
         if dirty is None:
@@ -94,19 +101,20 @@ def _try_update(
     dirty: tuple[int, int, int, int] | None,
     widen: int,
     phase_yx: tuple[int, int],
+    moved: bool,
     epsilon2: int,
     share: bool,
 ) -> Changes | None:
     """``update_arcs`` in a window that is wider by some cells; None if a vertex outside of it is in the way."""
     from fleetmap.vectorize.cells_kernels import find_corners, find_cracks
     from fleetmap.vectorize.index_kernels import LABEL
+    from fleetmap.vectorize.inverted_kernels import is_inverted
     from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, measure_depth
     from fleetmap.vectorize.sticky_kernels import keep_edges
     from fleetmap.vectorize.store_kernels import (
         find_foreign,
         forget,
         gather_touched,
-        is_inverted,
         list_changes,
         list_corners,
         redo_wasteful,
@@ -116,6 +124,7 @@ def _try_update(
     oy, ox = store.low_yx
     height, width = store.states.shape
     reach = int(epsilon2**0.5) // 16 + 1
+    choose2 = min(epsilon2, max(epsilon2 // 2, CELL2)) if moved else epsilon2
     if dirty is None:
         y0, x0, y1, x1 = 1, 1, height - 1, width - 1
     else:
@@ -188,15 +197,16 @@ def _try_update(
         for name in ("points", "special", "fixed", "stops", "kept", "old_of", "at", "is_vertex"):
             setattr(found, name, getattr(found, name)[:n])
         redone = redo_wasteful(
-            found.points, found.offsets, found.closed, arcs, *phase_yx, epsilon2, REDO_RATIO, found.fixed, found.stops,
+            found.points, found.offsets, found.closed, arcs, *phase_yx, choose2, REDO_RATIO, found.fixed, found.stops,
             found.kept, found.at, found.old_of,
         )  # fmt: skip
 
         # 3. The others.
-        splits, _ = found.build(store.cracks, (oy, ox), phase_yx, epsilon2)
+        splits, _ = found.build(store.cracks, (oy, ox), phase_yx, epsilon2, choose2)
         if splits < 0 or is_inverted(
-            store.records, found.points, found.offsets, found.closed, arcs, found.ends, found.at, found.is_vertex
-        ):
+            store.records, found.points, found.offsets, found.closed, found.labels, arcs, found.ends, found.at,
+            found.is_vertex, share,
+        ):  # fmt: skip
             store.marks[touched[:n_touched]] = 0
             return None
         edges, tails, heads, edge_arcs = found.edges()

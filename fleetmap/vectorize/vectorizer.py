@@ -145,7 +145,9 @@ class Vectorizer:
         arcs, (self.dropped_specks, self.dropped_cells) = trace_grid(
             grid, store, shift_yx, self.specks, self.profile == "share"
         )
-        self.splits, self.edges_before_splits = arcs.build(store.cracks, store.low_yx, phase_yx, self.epsilon2)
+        self.splits, self.edges_before_splits = arcs.build(
+            store.cracks, store.low_yx, phase_yx, self.epsilon2, self.epsilon2
+        )
         edges, _, _, arc_of = arcs.edges()
         rows = np.column_stack([edges[:-1, :4], arcs.labels[arc_of]])
         self._map = VectorMap(lattice, rows, arcs.thickness[arc_of], self.epsilon_cells, self.profile)
@@ -174,11 +176,12 @@ class Vectorizer:
             window = (shift_yx[0] + row0, shift_yx[1] + column0, shift_yx[0] + row1, shift_yx[1] + column1)
         dirty, (self.dropped_specks, self.dropped_cells) = refresh_states(grid, store, shift_yx, window, self.specks)
         self.splits = self.redone = 0
-        if phase_yx != self._phase_yx:
+        moved = phase_yx != self._phase_yx
+        if moved:
             dirty = None
         elif dirty is None:
             return
-        changes = update_arcs(store, dirty, phase_yx, self.epsilon2, self.profile == "share")
+        changes = update_arcs(store, dirty, phase_yx, moved, self.epsilon2, self.profile == "share")
         self.splits, self.redone = changes.splits, changes.redone
         delta = _delta(changes)
         if len(delta):

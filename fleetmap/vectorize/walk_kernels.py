@@ -147,3 +147,15 @@ def trace_arcs(
                 if close:
                     break
     return arcs, size
+
+
+@njit("void(u1[:,::1], i8, i8, i4[:,::1], u1[::1])", cache=True, nogil=True)
+def finish_points(
+    cracks: NDArray[np.uint8], oy: int, ox: int, points: NDArray[np.int32], special: NDArray[np.uint8]
+) -> None:
+    """Tell at which points more than two cracks meet, then count points from the lattice's origin, not the array's."""
+    for m in range(len(points)):
+        bits = cracks[points[m, 0], points[m, 1]] & 15
+        special[m] = bits == 15 or bits == 7 or bits == 11 or bits == 13 or bits == 14
+        points[m, 0] += oy
+        points[m, 1] += ox
