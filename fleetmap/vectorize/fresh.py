@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
 from fleetmap.vectorize.arcs import Arcs
@@ -26,8 +25,9 @@ def trace_grid(
     specks : largest speck that is filled, in cells
     share : leave out arcs between occupied and unknown, but for outlines of hidden obstacles
     """
-    from fleetmap.vectorize.cells_kernels import fill_specks, find_corners, find_cracks, read_states
+    from fleetmap.vectorize.cells_kernels import find_corners, find_cracks, read_states
     from fleetmap.vectorize.obstacle_kernels import find_explained, measure_depth
+    from fleetmap.vectorize.speck_kernels import fill_specks
     from fleetmap.vectorize.walk_kernels import finish_points, trace_arcs
 
     states, cracks = store.states, store.cracks
@@ -62,4 +62,3 @@ def trace_grid(
     special = np.empty(len(points), np.uint8)
     finish_points(cracks, *store.low_yx, points, special)
     return Arcs.untouched(points, offsets, labels, closed, thickness, special), (int(filled[0]), int(filled[1]))
-

@@ -18,8 +18,8 @@ REDO_RATIO = 1.15
 """Edges beside a gap are done anew if they would be more than so many times the fewest: what stickiness may cost."""
 
 CELL2 = SIXTEENTHS**2
-"""When the phase has moved, new edges are chosen within epsilon / sqrt(2), but not within less than a cell, so that they
-hold the next time, too. Boundaries are ragged by whole cells: this takes but 2 to 10 % more edges."""
+"""When the phase has moved, new edges are chosen within epsilon / sqrt(2), but not within less than a cell, so that
+they hold the next time, too. Boundaries are ragged by whole cells: this takes but 2 to 10 % more edges."""
 
 WIDEN_CELLS = 32
 """By so much the window grows when a vertex outside of it is in the way; four times as much the next time."""
@@ -51,7 +51,7 @@ def refresh_states(
 
     Also how many specks were filled there, and their cells.
     """
-    from fleetmap.vectorize.cells_kernels import read_changes, refresh
+    from fleetmap.vectorize.refresh_kernels import read_changes, refresh
 
     oy, ox = store.low_yx
     spans = np.empty((len(store.states), 2), np.int64)
@@ -107,18 +107,14 @@ def _try_update(
 ) -> Changes | None:
     """``update_arcs`` in a window that is wider by some cells; None if a vertex outside of it is in the way."""
     from fleetmap.vectorize.cells_kernels import find_corners, find_cracks
+    from fleetmap.vectorize.change_kernels import list_changes
     from fleetmap.vectorize.index_kernels import LABEL
     from fleetmap.vectorize.inverted_kernels import is_inverted
     from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, measure_depth
+    from fleetmap.vectorize.redo_kernels import redo_wasteful
     from fleetmap.vectorize.sticky_kernels import keep_edges
-    from fleetmap.vectorize.store_kernels import (
-        find_foreign,
-        forget,
-        gather_touched,
-        list_changes,
-        list_corners,
-        redo_wasteful,
-    )
+    from fleetmap.vectorize.store_kernels import forget, list_corners
+    from fleetmap.vectorize.touched_kernels import find_foreign, gather_touched
     from fleetmap.vectorize.window_kernels import trace_window
 
     oy, ox = store.low_yx
