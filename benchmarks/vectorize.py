@@ -1,7 +1,7 @@
 """How many edges, how fast, how near, how like: ``vectorize`` beside OpenCV, scikit-image and GEOS.
 
 All run in one process, one after the other, again and again; times are medians of CPU time (``time.process_time``),
-on one thread. Inputs are worlds of 80 m (1600 x 1600 cells) as a lidar would map them, ragged and with specks, and, if
+on one thread. Inputs are the terrains of 80 m (1600 x 1600 cells) that ``fleetmap.paper`` has a robot map, and, if
 ``FLEETMAP_DATA`` names them, real maps; these two are never mixed in one median.
 
     python benchmarks/vectorize.py [--maps MAP.yaml...] [--json]
@@ -37,7 +37,6 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
 from vectorize_oracles import Arc, fewest_edges, fewest_lines, trace
 
 from fleetmap.model.errors import MapWarning
@@ -46,8 +45,9 @@ from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.map_server import load_map
 from fleetmap.model.metrics import compare
 from fleetmap.model.vectormap import VectorMap
-from fleetmap.sims.worlds import make_world
-from fleetmap.vectorize import Vectorizer, rasterize, vectorize, verify
+from fleetmap.paper.survey import survey_terrain
+from fleetmap.paper.terrains import choose_terrains
+from fleetmap.vectorize import drop_specks, rasterize, vectorize, verify
 
 try:
     import cv2
@@ -80,31 +80,9 @@ class Drawing:
         return sum(len(line) - 1 if len(line) != 3 or (line[0] != line[2]).any() else 1 for line in self.lines)
 
 
-def ragged(kind: str, size_m: float, seed: int) -> OccupancyGrid:
-    """What SLAM leaves of a world: a skin of walls, one to three cells thick and uneven, specks, nothing behind it."""
-    rng = np.random.default_rng(seed)
-    solid = make_world(kind, size_m=size_m, seed=seed).solid
-
-    def correlated(cells: float, size: float) -> NDArray[np.float64]:
-        noise = gaussian_filter(rng.normal(size=solid.shape), cells)
-        return noise * (size / noise.std())
-
-    off = distance_transform_edt(~solid) - distance_transform_edt(solid)
-    off = np.where(off > 0, off - 0.5, off + 0.5) + correlated(3, 0.2) + rng.normal(size=solid.shape) * 0.13
-    skin = np.clip(1.6 + correlated(4, 0.33) + rng.normal(size=solid.shape) * 0.15, 0.8, 3)
-    states = np.where(off > 0, FREE, np.where(off > -skin, OCCUPIED, UNKNOWN))
-    flicker = rng.random(solid.shape) < 3e-4
-    return OccupancyGrid.from_states(np.where(flicker, rng.integers(0, 3, solid.shape), states).astype(np.uint8), 0.05)
-
-
-def without_specks(grid: OccupancyGrid) -> NDArray[np.uint8]:
-    """States (height, width) after small free and unknown specks were filled, as the vectorizer does."""
-    vectorizer = Vectorizer()
-    vectorizer.update(grid)
-    store = vectorizer._store
-    assert store is not None
-    y, x = -store.low_yx[0], -store.low_yx[1]
-    return store.states[y : y + grid.height, x : x + grid.width].copy()
+def terrain(kind: str, size_m: int) -> OccupancyGrid:
+    """The grid that a robot maps of one of the paper's terrains; see ``fleetmap.paper``."""
+    return next(survey_terrain(t).grid for t in choose_terrains((size_m,)) if t.kind == kind)
 
 
 # --- the methods: each has what is timed, and what makes a drawing of its result
@@ -211,7 +189,7 @@ def farthest(lines: Polylines, others: Polylines, step: float) -> float:
 
 def measure(name: str, grid: OccupancyGrid, repeats: int) -> dict[str, Any]:
     """All rows of one input."""
-    filled = without_specks(grid)
+    filled = drop_specks(grid).states_yx()
     planes = {state: (filled == state).astype(np.uint8) for state in (FREE, OCCUPIED)}
     arcs = {profile: trace(filled if profile != "exact" else grid.states_yx(), profile) for profile in EPSILON2}
     methods: dict[str, Method] = {
@@ -289,7 +267,7 @@ def medians(measured: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def inputs(options: argparse.Namespace) -> Iterator[tuple[str, str, OccupancyGrid]]:
     """Group, name and grid of each input."""
     for kind in ("maze", "office", "unstructured"):
-        yield "generated", kind, ragged(kind, 5.0 if options.tiny else 80.0, seed=1)
+        yield "generated", kind, terrain(kind, 10 if options.tiny else 80)
     paths = options.maps
     if not paths and not options.tiny and (folder := os.environ.get("FLEETMAP_DATA")):
         paths = sorted(Path(folder).glob("maps/*/map.yaml"))
@@ -305,7 +283,7 @@ def main() -> None:
     parser.add_argument("--maps", nargs="*", type=Path, default=[], help="map_server maps instead of FLEETMAP_DATA's")
     parser.add_argument("--repeats", type=int, default=15)
     parser.add_argument("--json", action="store_true", help="one document instead of tables")
-    parser.add_argument("--tiny", action="store_true", help="worlds of 5 m, once: for the tests")
+    parser.add_argument("--tiny", action="store_true", help="terrains of 10 m, once: for the tests")
     options = parser.parse_args()
     if cv2 is None:
         print("OpenCV and scikit-image are missing: pip install fleetmap[bench]", file=sys.stderr)

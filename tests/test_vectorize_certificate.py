@@ -14,7 +14,7 @@ from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import Pose2
-from fleetmap.vectorize import Vectorizer, rasterize, vectorize, verify
+from fleetmap.vectorize import Vectorizer, drop_specks, rasterize, vectorize, verify
 
 
 def random_states(seed, height=14, width=17):
@@ -272,3 +272,20 @@ def test_the_verifier_finds_a_door_that_only_one_of_grid_and_map_has(diagonal, y
     for source, drawn in ((with_door, without), (without, with_door)):
         violations = verify(source, vectorize(drawn, specks=specks), specks=specks).violations
         assert "components" in {violation.kind for violation in violations}
+
+
+def test_specks_dropped_from_a_grid_are_those_that_a_vector_map_leaves_out():
+    states = np.full((30, 40), FREE, np.uint8)
+    states[:4] = states[-4:] = states[:, :4] = states[:, -4:] = OCCUPIED
+    states[10:12, 10:13] = UNKNOWN  # a speck of six cells
+    states[20, 20] = OCCUPIED
+    grid = OccupancyGrid.from_states(states, 0.05, Pose2(1.0, 2.0, 0.3))
+    without = drop_specks(grid)
+    expected = states.copy()
+    expected[10:12, 10:13] = FREE
+    assert (without.states_yx() == expected).all()
+    assert without.origin == grid.origin
+    assert vectorize(without, specks=0).digest == vectorize(grid).digest
+    assert (drop_specks(grid, 5).states_yx() == states).all()
+    with pytest.raises(ConfigError, match="specks"):
+        drop_specks(grid, -1)

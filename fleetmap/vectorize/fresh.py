@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
 from fleetmap.vectorize.arcs import Arcs
@@ -12,6 +13,25 @@ FREE_PERCENT, OCCUPIED_PERCENT = int(FREE_THRESHOLD * 100), int(OCCUPIED_THRESHO
 
 APART_CELLS = 3
 """A free speck stays where no other free cell is that near: dropping those that lie apart costs UPDF."""
+
+
+def read_grid(grid: OccupancyGrid, store: Store, shift_yx: tuple[int, int]) -> tuple[NDArray[np.int32], int]:
+    """Read a grid's states into an empty store and find their cracks; the corners (y, x), and how many there are."""
+    from fleetmap.vectorize.cells_kernels import find_corners, find_cracks, read_states
+
+    states, cracks = store.states, store.cracks
+    height, width = states.shape
+    y, x = shift_yx[0] - store.low_yx[0], shift_yx[1] - store.low_yx[1]
+    read_states(grid.cells_yx, states, y, x, FREE_PERCENT, OCCUPIED_PERCENT)
+    store.raw[:] = states
+    find_cracks(states, cracks, 1, 1, height, width)
+    room = 1 << 14
+    while True:
+        corners = np.empty((room, 2), np.int32)
+        count = find_corners(cracks.view(np.uint64), cracks, 1, 1, height, width, corners)
+        if count >= 0:
+            return corners, count
+        room *= 4
 
 
 def trace_grid(
@@ -25,24 +45,12 @@ def trace_grid(
     specks : largest speck that is filled, in cells
     share : leave out arcs between occupied and unknown, but for outlines of hidden obstacles
     """
-    from fleetmap.vectorize.cells_kernels import find_corners, find_cracks, read_states
     from fleetmap.vectorize.obstacle_kernels import find_explained, measure_depth
     from fleetmap.vectorize.speck_kernels import fill_specks
     from fleetmap.vectorize.walk_kernels import finish_points, trace_arcs
 
     states, cracks = store.states, store.cracks
-    height, width = states.shape
-    y, x = shift_yx[0] - store.low_yx[0], shift_yx[1] - store.low_yx[1]
-    read_states(grid.cells_yx, states, y, x, FREE_PERCENT, OCCUPIED_PERCENT)
-    store.raw[:] = states
-    find_cracks(states, cracks, 1, 1, height, width)
-    room = 1 << 14
-    while True:
-        corners = np.empty((room, 2), np.int32)
-        count = find_corners(cracks.view(np.uint64), cracks, 1, 1, height, width, corners)
-        if count >= 0:
-            break
-        room *= 4
+    corners, count = read_grid(grid, store, shift_yx)
     filled = fill_specks(states, cracks, store.seen, corners, count, specks, APART_CELLS, *store.low_yx)
 
     points = np.empty((4 * count + 4, 2), np.int32)

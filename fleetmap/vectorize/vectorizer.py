@@ -15,15 +15,11 @@ from fleetmap.model.vectormap import VectorMap
 from fleetmap.vectorize.arcs import Arcs
 from fleetmap.vectorize.fresh import trace_grid
 from fleetmap.vectorize.phase import SIXTEENTHS, lattice_of, place_on_lattice
+from fleetmap.vectorize.specks import SPECK_CELLS, check_specks
 from fleetmap.vectorize.store import Store
 from fleetmap.vectorize.update import Changes, refresh_states, update_arcs
 
-SPECK_CELLS = 12
-"""Free and unknown specks of at most so many cells are dropped by default: with noise they are most of a map."""
-
 MIN_EPSILON_CELLS, MAX_EPSILON_CELLS = 0.5, 64.0
-MAX_SPECK_CELLS = 10_000
-
 EXACT_EPSILON2 = 63
 """In sixteenths squared: just below half a cell, so that no edge comes to lie on, or passes over, a cell's centre."""
 
@@ -74,8 +70,7 @@ class Vectorizer:
                 )
             # Squared, in sixteenths; sqrt(2) gives exactly 2 cells squared, and nothing is rounded up.
             self.epsilon2 = math.floor(self.epsilon_cells**2 * SIXTEENTHS**2 + 1e-6)
-        if not 0 <= specks <= MAX_SPECK_CELLS:
-            raise ConfigError(option="specks", value=specks, reason=f"expected 0 to {MAX_SPECK_CELLS} cells")
+        check_specks(specks)
         self.profile = profile
         self.specks = specks
         self.lattice: Lattice | None = None
