@@ -154,15 +154,31 @@ def from_text(*rows):
     return np.array([[".#?".index(c) for c in row] for row in reversed(rows)], np.uint8)
 
 
-def test_a_face_closed_by_nodes_in_the_window_and_a_vertex_outside_is_not_turned_over():
-    # Found by benchmarks/fuzz_vectorize.py, seed 795072: the sliver of free space on the left ends at two nodes.
-    before = from_text("?....?....#....", "??.............", "???????????????", "?..............")
-    after = from_text("?....?...#.#..#", "??........#....", "?????????#.....", "?..............")
-    vectorizer = Vectorizer(profile="share", epsilon_cells=3.0, specks=12)
-    vectorizer.update(OccupancyGrid.from_states(before, 0.05))
-    grid = OccupancyGrid.from_states(after, 0.05)
-    vector_map = vectorizer.update(grid, (1, 9, 4, 15))
-    assert verify(grid, vector_map, specks=12).violations == ()
+FOUND = {
+    # The sliver of free space on the left ends at two nodes: it was turned over around the window.
+    795072: (
+        ("share", 12, (1, 9, 4, 15)),
+        ("?....?....#....", "??.............", "???????????????", "?.............."),
+        ("?....?...#.#..#", "??........#....", "?????????#.....", "?.............."),
+    ),
+    # Boundaries that touch at corners: a hole in free space was jumped over by the free space's own boundary.
+    903396: (
+        ("full", 0, (2, 1, 3, 2)),
+        ("?????????.?", "??????.?.?.", "?????????..", "????????##.", "???????????"),
+        ("?????????.?", "??????.?.?.", "?.???????..", "????????##.", "???????????"),
+    ),
+}
+"""Small grids at epsilon 3 that benchmarks/fuzz_vectorize.py found, by its seed."""
+
+
+@pytest.mark.parametrize("seed", FOUND)
+def test_what_touches_the_rim_of_a_window_is_not_turned_over(seed):
+    (profile, specks, window), before, after = FOUND[seed]
+    vectorizer = Vectorizer(profile=profile, epsilon_cells=3.0, specks=specks)
+    vectorizer.update(OccupancyGrid.from_states(from_text(*before), 0.05))
+    grid = OccupancyGrid.from_states(from_text(*after), 0.05)
+    vector_map = vectorizer.update(grid, window)
+    assert verify(grid, vector_map, specks=specks).violations == ()
 
 
 @pytest.mark.parametrize("profile", ["share", "full"])

@@ -1,4 +1,4 @@
-"""Numba kernels that find what a window turned over: faces closed by a few stored edges outside of it."""
+"""Numba kernels that find what a window turned over, together with stored edges outside of it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,21 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetmap.vectorize.index_kernels import AT_X, AT_Y, LABEL, NEXT, POINT_X, POINT_Y
+from fleetmap.vectorize.conflict_kernels import is_before
+from fleetmap.vectorize.edge_kernels import direction
+from fleetmap.vectorize.index_kernels import (
+    AT_X,
+    AT_Y,
+    IN,
+    LABEL,
+    NEXT,
+    OUT,
+    POINT_X,
+    POINT_Y,
+    PREV,
+    find_record,
+    passage_key,
+)
 from fleetmap.vectorize.network_kernels import find_parts
 
 FEW_OUTSIDE = 3
@@ -43,7 +57,7 @@ def is_inverted(
     network; in it, each state's area must have the sign that the boundary gives it. What is connected to farther edges
     is held by them, and what is to none, ``build_network`` has checked.
     """
-    part = find_parts(points, offsets, closed, arcs)
+    part = find_parts(points, offsets, closed, arcs, at)
     areas, true_areas = np.zeros((arcs, 3), np.int64), np.zeros((arcs, 3), np.int64)
     anchored, reached = np.zeros(arcs, np.uint8), np.zeros(arcs, np.uint8)
     for arc in range(arcs):
@@ -104,4 +118,76 @@ def is_inverted(
                 true_areas[p, state] < 0
             ):
                 return True
+    return False
+
+
+@njit(
+    "b1(i4[:,::1], i8[:,::1], u1[::1], i4[:,::1], i4[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1])",
+    cache=True,
+    nogil=True,
+)
+def is_turned(
+    records: NDArray[np.int32],
+    table: NDArray[np.int64],
+    marks: NDArray[np.uint8],
+    points: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    closed: NDArray[np.uint8],
+    arcs: int,
+    first_last: NDArray[np.int32],
+    at: NDArray[np.int32],
+    is_vertex: NDArray[np.uint8],
+) -> bool:
+    """Whether around some stored vertex at which an arc ends the edges don't have the order of their cracks.
+
+    There may be three or four, those of the arcs and stored ones that no one has marked. Arguments as in
+    ``is_inverted``; ``table`` and ``marks`` as in ``index_kernels``.
+    """
+    crack, away = np.empty(8, np.int64), np.empty((8, 2), np.int64)
+    for end in range(2 * arcs):
+        if closed[end >> 1] or first_last[end] < 0:
+            continue
+        own = np.int64(first_last[end])
+        y, x = np.int64(records[own, POINT_Y]), np.int64(records[own, POINT_X])
+        count = 0
+        for other in range(2 * arcs):
+            arc, is_last = other >> 1, other & 1
+            m = np.int64(offsets[arc + 1] - 1) if is_last else np.int64(offsets[arc])
+            if closed[arc] or first_last[other] < 0 or points[m, 0] != y or points[m, 1] != x or count == 8:
+                continue
+            if at[m, 0] != records[own, AT_Y] or at[m, 1] != records[own, AT_X]:
+                continue  # boundaries that touch here have a vertex each
+            step = -1 if is_last else 1
+            n = m + step
+            crack[count] = direction(y, x, points[n, 0], points[n, 1])
+            while not is_vertex[n]:
+                n += step
+            away[count, 0], away[count, 1] = at[n, 0] - at[m, 0], at[n, 1] - at[m, 1]
+            count += 1
+        for code in range(8):
+            r = find_record(table, passage_key(y, x, code))
+            if r < 0 or records[r, AT_Y] != records[own, AT_Y] or records[r, AT_X] != records[own, AT_X]:
+                continue
+            for side in range(2):
+                neighbour = np.int64(records[r, PREV if side else NEXT])
+                way = np.int64(records[r, IN if side else OUT])
+                if neighbour < 0 or way < 0 or marks[neighbour if side else r] or count == 8:
+                    continue
+                crack[count] = (way + 2) & 3 if side else way
+                away[count, 0] = records[neighbour, AT_Y] - records[r, AT_Y]
+                away[count, 1] = records[neighbour, AT_X] - records[r, AT_X]
+                count += 1
+        # Sorted by cracks, the directions must go around once.
+        for q in range(1, count):
+            for r in range(q, 0, -1):
+                if crack[r] < crack[r - 1]:
+                    crack[r], crack[r - 1] = crack[r - 1], crack[r]
+                    for axis in range(2):
+                        away[r, axis], away[r - 1, axis] = away[r - 1, axis], away[r, axis]
+        descents = 0
+        for q in range(count):
+            r = (q + 1) % count
+            descents += not is_before(away[q, 0], away[q, 1], away[r, 0], away[r, 1])
+        if count > 2 and descents != 1:
+            return True
     return False

@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from fleetmap.vectorize.conflict_kernels import BUCKET
 
 SCALE = 1 << 24
-SHIFT_Y, SHIFT_X = 1009, 577
-"""Points are looked at this little (in 1 / SCALE of a cell) up and to the right of where they are, so that none lies
-on a line between lattice points: no edge of at most 4096 cells comes nearer to one that it does not pass through.
-Products of a difference in cells (2^13) and one in these units (2^37) stay below 2^51."""
+SHIFT_Y, SHIFT_X, SHIFT_ALONG = 505, 289, 1024
+"""Points are looked at this little (in 1 / SCALE of a cell) up, to the right, and along the boundary of their own, from
+where they are. So none lies on a line between lattice points: no edge of at most 4096 cells comes nearer to one that it
+does not pass through. And none lies on another boundary that touches its own one at a corner: along, it is beyond the
+other one's cracks. Products of a difference in cells (2^13) and one in these units (2^37) stay below 2^51."""
 
 
-@njit("i8(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
-def side_of(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> int:
+@njit("i8(i8, i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+def side_of(ay: int, ax: int, by: int, bx: int, py: int, px: int, shift_y: int, shift_x: int) -> int:
     """Positive if the shifted p lies on the left of the line from a to b; never 0."""
-    return (bx - ax) * ((py - ay) * SCALE + SHIFT_Y) - (by - ay) * ((px - ax) * SCALE + SHIFT_X)
+    return (bx - ax) * ((py - ay) * SCALE + shift_y) - (by - ay) * ((px - ax) * SCALE + shift_x)
 
 
-@njit("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@njit("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
 def count_passes(
     points: NDArray[np.int32],
     tail: int,
@@ -38,12 +39,17 @@ def count_passes(
     px: int,
     wy: int,
     wx: int,
+    way: int,
 ) -> int:
     """How often edge k, going from its run to its place, passes over a vertex that goes from p to w.
 
-    The run leads from corner ``tail`` to corner ``head`` of an arc with the corners ``start`` to ``end``. The sum of
-    how often edge and run wind around w, and how often the way from p to w crosses the run; signed.
+    The run leads from corner ``tail`` to corner ``head`` of an arc with the corners ``start`` to ``end``; the vertex's
+    own boundary leaves p in the direction ``way``. The sum of how often edge and run wind around w, and how often the
+    way from p to w crosses the run; signed.
     """
+    shift_y = SHIFT_Y + SHIFT_ALONG * (np.int64(way == 1) - np.int64(way == 3))
+    shift_x = SHIFT_X + SHIFT_ALONG * (np.int64(way == 0) - np.int64(way == 2))
+    below = wy if shift_y > 0 else wy - 1  # the highest row of lattice points that are below the shifted w
     passes = 0
     cy, cx = edges[k, 2], edges[k, 3]
     dy, dx = edges[k, 0], edges[k, 1]
@@ -51,8 +57,8 @@ def count_passes(
     stage = 0
     while True:
         # Back along the edge from its head, to the tail's point, along the run, to the head again.
-        if (cy <= wy) != (dy <= wy):
-            side = side_of(cy, cx, dy, dx, wy, wx)
+        if (cy <= below) != (dy <= below):
+            side = side_of(cy, cx, dy, dx, wy, wx, shift_y, shift_x)
             if dy > cy and side > 0:
                 passes += 1
             elif dy < cy and side < 0:
@@ -71,11 +77,12 @@ def count_passes(
             if m == end:
                 m = start
             dy, dx = points[m, 0], points[m, 1]
-            p_side, w_side = side_of(cy, cx, dy, dx, py, px) > 0, side_of(cy, cx, dy, dx, wy, wx) > 0
+            p_side = side_of(cy, cx, dy, dx, py, px, shift_y, shift_x) > 0
+            w_side = side_of(cy, cx, dy, dx, wy, wx, shift_y, shift_x) > 0
             if p_side != w_side:
                 # c and d against the way from p to w: the same shift, seen from them.
-                c_side = (wx - px) * ((cy - py) * SCALE - SHIFT_Y) - (wy - py) * ((cx - px) * SCALE - SHIFT_X)
-                d_side = (wx - px) * ((dy - py) * SCALE - SHIFT_Y) - (wy - py) * ((dx - px) * SCALE - SHIFT_X)
+                c_side = (wx - px) * ((cy - py) * SCALE - shift_y) - (wy - py) * ((cx - px) * SCALE - shift_x)
+                d_side = (wx - px) * ((dy - py) * SCALE - shift_y) - (wy - py) * ((dx - px) * SCALE - shift_x)
                 if (c_side > 0) != (d_side > 0):
                     passes += 1 if p_side else -1
     return passes
@@ -134,7 +141,8 @@ def find_jumps(
                         continue
                     arc = arc_of[k]
                     if count_passes(
-                        points, tails[k], heads[k], offsets[arc], offsets[arc + 1], edges, k, py, px, wy, wx
-                    ):
+                        points, tails[k], heads[k], offsets[arc], offsets[arc + 1], edges, k, py, px, wy, wx,
+                        edges[e, 8] & 3,
+                    ):  # fmt: skip
                         bad[k] = 1
                         bad[e] = 1

@@ -17,32 +17,42 @@ ROUNDS_OF_ONE = 4
 sooner."""
 
 
-@njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8)", cache=True, nogil=True)
+@njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8, i4[:,::1])", cache=True, nogil=True)
 def find_parts(
-    points: NDArray[np.int32], offsets: NDArray[np.int32], closed: NDArray[np.uint8], arcs: int
+    points: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    closed: NDArray[np.uint8],
+    arcs: int,
+    at: NDArray[np.int32],
 ) -> NDArray[np.int32]:
-    """For each arc the number of an arc that stands for all those connected to it through nodes."""
+    """For each arc the number of an arc that stands for all those connected to it through common ends.
+
+    Where boundaries only touch, at a corner, each has a vertex of its own for that point, in a place of its own.
+    """
     part = np.arange(arcs).astype(np.int32)
     ends = 0
-    keys, owner = np.empty(2 * arcs, np.int64), np.empty(2 * arcs, np.int64)
+    keys, owner, corner = np.empty(2 * arcs, np.int64), np.empty(2 * arcs, np.int64), np.empty(2 * arcs, np.int64)
     for arc in range(arcs):
         if closed[arc] or offsets[arc + 1] - offsets[arc] < 2:
             continue
         for m in (np.int64(offsets[arc]), np.int64(offsets[arc + 1] - 1)):
             keys[ends] = (np.int64(points[m, 0]) << 24) + points[m, 1]
-            owner[ends] = arc
+            owner[ends], corner[ends] = arc, m
             ends += 1
     order = np.argsort(keys[:ends], kind="mergesort")
     for q in range(1, ends):
-        if keys[order[q]] != keys[order[q - 1]]:
-            continue
-        a, b = owner[order[q - 1]], owner[order[q]]
-        while part[a] != a:
-            a = part[a]
-        while part[b] != b:
-            b = part[b]
-        if a != b:
-            part[max(a, b)] = min(a, b)
+        r = q - 1
+        while r >= 0 and keys[order[r]] == keys[order[q]]:
+            m, n = corner[order[q]], corner[order[r]]
+            if at[m, 0] == at[n, 0] and at[m, 1] == at[n, 1]:
+                a, b = owner[order[r]], owner[order[q]]
+                while part[a] != a:
+                    a = part[a]
+                while part[b] != b:
+                    b = part[b]
+                if a != b:
+                    part[max(a, b)] = min(a, b)
+            r -= 1
     for arc in range(arcs):
         a = part[arc]
         while part[a] != a:
@@ -202,7 +212,7 @@ def build_network(
     """
     size = offsets[arcs]
     simplify_arcs(cracks, oy, ox, points, offsets, closed, arcs, fy, fx, choose2, stops, kept, at, is_vertex)
-    part = find_parts(points, offsets, closed, arcs)
+    part = find_parts(points, offsets, closed, arcs, at)
     crossings = list_crossings(points, offsets, special, arcs)
     # What is connected to vertices that don't move can't be turned over as a whole.
     anchored = np.zeros(arcs, np.uint8)

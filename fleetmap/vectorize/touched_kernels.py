@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fleetmap.vectorize.conflict_kernels import conflict
 from fleetmap.vectorize.fewest_kernels import is_near
-from fleetmap.vectorize.index_kernels import AT_X, AT_Y, BUCKET, LABEL, NEXT, POINT_X, POINT_Y
+from fleetmap.vectorize.index_kernels import AT_X, AT_Y, BUCKET, LABEL, NEXT, OUT, POINT_X, POINT_Y
 from fleetmap.vectorize.jump_kernels import count_passes
 
 
@@ -131,7 +131,7 @@ def find_foreign(
                         hit = (
                             count_passes(
                                 points, tails[k], heads[k], offsets[arc], offsets[arc + 1], edges, k,
-                                edges[f, 4], edges[f, 5], edges[f, 0], edges[f, 1],
+                                edges[f, 4], edges[f, 5], edges[f, 0], edges[f, 1], records[r, OUT],
                             )
                             != 0
                         )  # fmt: skip

@@ -109,7 +109,7 @@ def _try_update(
     from fleetmap.vectorize.cells_kernels import find_corners, find_cracks
     from fleetmap.vectorize.change_kernels import list_changes
     from fleetmap.vectorize.index_kernels import LABEL
-    from fleetmap.vectorize.inverted_kernels import is_inverted
+    from fleetmap.vectorize.inverted_kernels import is_inverted, is_turned
     from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, measure_depth
     from fleetmap.vectorize.redo_kernels import redo_wasteful
     from fleetmap.vectorize.sticky_kernels import keep_edges
@@ -199,9 +199,15 @@ def _try_update(
 
         # 3. The others.
         splits, _ = found.build(store.cracks, (oy, ox), phase_yx, epsilon2, choose2)
-        if splits < 0 or is_inverted(
-            store.records, found.points, found.offsets, found.closed, found.labels, arcs, found.ends, found.at,
-            found.is_vertex, share,
+        ends = found.points, found.offsets, found.closed
+        if (
+            splits < 0
+            or is_inverted(
+                store.records, *ends, found.labels, arcs, found.ends, found.at, found.is_vertex, share
+            )
+            or is_turned(
+                store.records, store.table, store.marks, *ends, arcs, found.ends, found.at, found.is_vertex
+            )
         ):  # fmt: skip
             store.marks[touched[:n_touched]] = 0
             return None
