@@ -199,14 +199,14 @@ def _try_update(
 
         # 3. The others.
         splits, _ = found.build(store.cracks, (oy, ox), phase_yx, epsilon2, choose2)
-        ends = found.points, found.offsets, found.closed
+        corners_of = found.points, found.offsets, found.closed
         if (
             splits < 0
             or is_inverted(
-                store.records, *ends, found.labels, arcs, found.ends, found.at, found.is_vertex, share
+                store.records, *corners_of, found.labels, arcs, found.ends, found.at, found.is_vertex, share
             )
             or is_turned(
-                store.records, store.table, store.marks, *ends, arcs, found.ends, found.at, found.is_vertex
+                store.records, store.table, store.marks, *corners_of, arcs, found.ends, found.at, found.is_vertex
             )
         ):  # fmt: skip
             store.marks[touched[:n_touched]] = 0
