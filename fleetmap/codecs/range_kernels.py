@@ -31,14 +31,14 @@ LENGTHS = 12
 MAX_LENGTH = 34
 """Longest number, in bits."""
 
-_TOP = 1 << 24
-_FULL = (1 << 32) - 1
+TOP = 1 << 24
+WHOLE = (1 << 32) - 1
 
 
 @njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
 def begin(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """Start writing, or read the first four bytes; the other fields of ``coder`` are set already."""
-    coder[RANGE] = _FULL
+    coder[RANGE] = WHOLE
     coder[LOW] = 0
     coder[AT] = 0
     if coder[MODE] == READ:
@@ -61,12 +61,12 @@ def _carry(data: NDArray[np.uint8], at: int) -> None:
 
 
 @njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
-def _renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
+def renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """Bytes out, or in, until the interval is wide enough for the next decision."""
-    if coder[LOW] > _FULL:  # only when writing
+    if coder[LOW] > WHOLE:  # only when writing
         _carry(data, coder[AT])
-        coder[LOW] &= _FULL
-    while coder[RANGE] < _TOP:
+        coder[LOW] &= WHOLE
+    while coder[RANGE] < TOP:
         coder[RANGE] <<= 8
         at = coder[AT]
         if coder[MODE] == READ:
@@ -78,7 +78,7 @@ def _renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
                 coder[AT] = at + 1
             elif coder[STATUS] == GOOD:
                 coder[STATUS] = FULL
-            coder[LOW] = coder[LOW] << 8 & _FULL
+            coder[LOW] = coder[LOW] << 8 & WHOLE
 
 
 @njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
@@ -100,8 +100,8 @@ def bit(
     else:
         coder[RANGE] = bound
         probabilities[context] = zero + (((1 << PROBABILITY_BITS) - zero) >> RATE)
-    if coder[RANGE] < _TOP or coder[LOW] > _FULL:
-        _renew(coder, data)
+    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
+        renew(coder, data)
     return value
 
 
@@ -118,8 +118,8 @@ def even(coder: NDArray[np.int64], data: NDArray[np.uint8], value: int) -> int:
         coder[RANGE] -= half
     else:
         coder[RANGE] = half
-    if coder[RANGE] < _TOP or coder[LOW] > _FULL:
-        _renew(coder, data)
+    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
+        renew(coder, data)
     return value
 
 
@@ -194,7 +194,7 @@ def finish_writing(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     while ((low + (1 << 8 * spare) - 1) >> 8 * spare) << 8 * spare >= end:
         spare -= 1
     low = ((low + (1 << 8 * spare) - 1) >> 8 * spare) << 8 * spare
-    if low > _FULL:
+    if low > WHOLE:
         _carry(data, at)
     for i in range(4 - spare):
         data[at + i] = low >> (24 - 8 * i) & 255
