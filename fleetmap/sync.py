@@ -186,6 +186,8 @@ def join(
     listen: Sequence[str] = (),
     profile: str = "lan",
     config: Mapping[str, object] | None = None,
+    budget_Bps: float | None = None,
+    max_rate_hz: float | None = None,
     link: Link | None = None,
 ) -> SyncPeer:
     """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``.
@@ -202,6 +204,8 @@ def join(
             listen=listen,
             profile=profile,
             config=config,
+            budget_Bps=budget_Bps,
+            max_rate_hz=max_rate_hz,
             link=link,
         )
     )

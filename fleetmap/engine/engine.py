@@ -37,6 +37,7 @@ from fleetmap.engine.changes import changed_events
 from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.log import answer
 from fleetmap.engine.outputs import Ask, Changed, Detour, EpochChanged, NameTaken, Output, PeersChanged, Put
+from fleetmap.engine.quota import Quota
 from fleetmap.engine.replica import Outcome, Replica
 from fleetmap.engine.stream import Stream, Submap
 from fleetmap.engine.teammates import Teammates
@@ -58,6 +59,7 @@ class Engine:
     level : robots of different levels are never merged
     start : T_fleet_robot, None if unknown
     heartbeat_s : how often the own revision is announced
+    quota : when updates of the own map may be sent; None: at once
     """
 
     def __init__(
@@ -69,6 +71,7 @@ class Engine:
         level: str = "0",
         start: FixedPose | None = None,
         heartbeat_s: float = 2.0,
+        quota: Quota | None = None,
         ledger: Ledger | None = None,
     ) -> None:
         self.robot, self.instance = check_name("robot", robot), instance
@@ -82,6 +85,10 @@ class Engine:
         self._listed: set[str] = set()
         self._mismatch: dict[str, tuple[int, int]] = {}
         self._catchup = Catchup()
+        self._quota = quota or Quota()
+        self._waiting: dict[str, Submap] = {}
+        self._said_bytes = 0
+        self._refused: ConfigError | None = None
         self._said: dict[str, bytes] = {}
         self._outputs: list[Output] = []
         self._commit(header=header)
@@ -93,18 +100,38 @@ class Engine:
 
     # What the user says
 
-    def publish(self, submap: str, vector_map: VectorMap, *, anchor: FixedPose | None = None) -> bool:
-        """Say what a submap is now. False if nothing changed, and nothing was sent.
+    def publish(
+        self, submap: str, vector_map: VectorMap, *, anchor: FixedPose | None = None, now_s: float = 0.0
+    ) -> bool:
+        """Say what a submap is now, or, if the quota doesn't allow it yet, as soon as it does.
+
+        What is said then is the difference to what was said last: what came between is never sent. False if nothing
+        changed, and nothing is to be sent.
 
         Raises
         ------
-        ConfigError : the name or the profile is none, or the whole map grew beyond what a snapshot may hold
+        ConfigError : the name or the profile is none, or the whole map (or the one before, if it had to wait) grew
+            beyond what a snapshot may hold
         """
+        if self._refused is not None:
+            refused, self._refused = self._refused, None
+            raise refused
         check_name("submap", submap)
         if vector_map.profile not in PROFILES or not 0 <= vector_map.epsilon_cells <= MAX_EPSILON_CELLS:
             told = (vector_map.profile, vector_map.epsilon_cells)
             raise ConfigError(option="map", value=told, reason=f"expected {PROFILES} and at most {MAX_EPSILON_CELLS}")
-        return self._commit(submaps={**self.own.submaps, submap: Submap(vector_map, anchor or FixedPose())})
+        self._waiting[submap] = Submap(vector_map, anchor or FixedPose())
+        if self._quota.may_send(now_s):
+            return self.send_waiting(now_s)
+        return replace(self.own, submaps={**self.own.submaps, **self._waiting}).digest != self.own.digest
+
+    def send_waiting(self, now_s: float) -> bool:
+        """Say what waits for the quota, whether or not it allows it; False if that is nothing."""
+        waiting, self._waiting = self._waiting, {}
+        if not waiting or not self._commit(submaps={**self.own.submaps, **waiting}):
+            return False
+        self._quota.sent(self._said_bytes, now_s)
+        return True
 
     def set_start(self, start: FixedPose | None) -> bool:
         """Say where the own map frame lies in the fleet's."""
@@ -232,6 +259,11 @@ class Engine:
             self._heartbeat_due_s = now_s + self._heartbeat_s
             heartbeat = Heartbeat(self.own.epoch, self.own.seq, self.holdings.held_hash())
             self._put("digest", envelope.encode(heartbeat))
+        if self._waiting and self._quota.may_send(now_s):
+            try:
+                self.send_waiting(now_s)
+            except ConfigError as error:  # who published it is told at the next call
+                self._refused = error
         self._ask_due(now_s)
 
     def take_outputs(self) -> list[Output]:
@@ -260,6 +292,7 @@ class Engine:
         if record is None:
             return False
         self._put("delta", record)
+        self._said_bytes = len(record)
         self._outputs.extend(changed_events(old, self.own))
         return True
 

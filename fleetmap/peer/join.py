@@ -22,6 +22,8 @@ def join(
     listen: Sequence[str] = (),
     profile: str = "lan",
     config: Mapping[str, object] | None = None,
+    budget_Bps: float | None = None,
+    max_rate_hz: float | None = None,
     heartbeat_s: float = 2.0,
     fold_interval_s: float = 0.2,
     baselines: bool = True,
@@ -38,6 +40,9 @@ def join(
     connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
     profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone
     config : further Zenoh settings, configuration key -> value; they override the profile's
+    budget_Bps : payload bytes a second that updates of the own map may take, on average. Who publishes more often than
+        that allows sends the difference to the last update that went, once it may; never a queue of old ones
+    max_rate_hz : at most so many updates a second
     heartbeat_s : how often the own revision is announced
     fold_interval_s : at least so long between two folds that nobody waits for
     baselines : count at each publish what the grid would have cost, gzipped
@@ -69,6 +74,8 @@ def join(
         start=start,
         link=link,
         instance=secrets.token_hex(4),
+        budget_Bps=budget_Bps,
+        max_rate_hz=max_rate_hz,
         heartbeat_s=heartbeat_s,
         fold_interval_s=fold_interval_s,
         baselines=baselines,

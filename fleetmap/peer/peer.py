@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
 from fleetmap.engine import Ask, Changed, Detour, Engine, EpochChanged, Event, NameTaken, PeersChanged, Put
+from fleetmap.engine.quota import Quota
 from fleetmap.engine.view import View, view
 from fleetmap.model.errors import FleetmapError, LinkError, NameInUse
 from fleetmap.model.grid import OccupancyGrid
@@ -54,7 +55,7 @@ class Peer:
     instance : tells two living peers of one name apart
     clock : seconds, only ever growing
     fold_interval_s : at least so long between two folds that nobody waits for
-    heartbeat_s, baselines : see ``fleetmap.join``
+    heartbeat_s, budget_Bps, max_rate_hz, baselines : see ``fleetmap.join``
 
     Attributes
     ----------
@@ -73,6 +74,8 @@ class Peer:
         clock: Callable[[], float] = time.monotonic,
         fold_interval_s: float = 0.2,
         heartbeat_s: float = 2.0,
+        budget_Bps: float | None = None,
+        max_rate_hz: float | None = None,
         baselines: bool = True,
     ) -> None:
         self.robot, self.fleet, self.level = robot, fleet, level
@@ -80,7 +83,14 @@ class Peer:
         self._ledger = Ledger()
         fixed = None if start is None else FixedPose.from_pose(start)
         self._make_engine = partial(
-            Engine, robot, instance=instance, level=level, start=fixed, heartbeat_s=heartbeat_s, ledger=self._ledger
+            Engine,
+            robot,
+            instance=instance,
+            level=level,
+            start=fixed,
+            heartbeat_s=heartbeat_s,
+            quota=Quota(budget_Bps, max_rate_hz),
+            ledger=self._ledger,
         )
         # Checks the names now, and not when the link is open.
         self._engine = self._make_engine(epoch=1)
@@ -137,6 +147,12 @@ class Peer:
             await asyncio.shield(self._closing)
 
     async def _leave(self) -> None:
+        def send_waiting() -> None:
+            self._engine.send_waiting(self._clock())
+            self._carry_out()
+
+        if self._tasks and self._failure is None:
+            await asyncio.get_running_loop().run_in_executor(self._executor, send_waiting)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -161,7 +177,8 @@ class Peer:
 
         Returns
         -------
-        bool : False if nothing changed, and so nothing was sent
+        bool : False if nothing changed, and so nothing is sent. With a budget or a highest rate it may be sent later:
+            then it is the difference to what was sent last, and what came between is left out.
 
         Raises
         ------
@@ -359,7 +376,7 @@ class Peer:
         return await self._read(partial(view, self._engine))
 
     async def _run_publish(self, anchor: FixedPose, submap: str, vector_map: VectorMap) -> bool:
-        return await self._run(self._engine.publish, submap, vector_map, anchor=anchor)
+        return await self._run(self._engine.publish, submap, vector_map, anchor=anchor, now_s=self._clock())
 
     def _ask_lists(self) -> None:
         for robot in list(self._engine.alive):
