@@ -1,28 +1,15 @@
-"""What others would have sent: sizes of the same map as a compressed occupancy grid.
-
-Each size is that of one message to one receiver. Deterministic: no time stamp goes into the gzip header.
-"""
+"""Updates as the map_msgs of ROS send them: the smallest rectangle with all changes, gzipped."""
 
 from __future__ import annotations
 
-import gzip
-import io
-
 import numpy as np
-from numpy.typing import NDArray
 
+from fleetmap.codecs.baselines.gzip_cells import gzip_grid, pack
+from fleetmap.codecs.baselines.protocol import HEADER_BYTES
 from fleetmap.model.grid import OccupancyGrid
-
-HEADER_BYTES = 24
-"""Origin (3 x 4 B), resolution, width and height (4 B each): less than ROS itself sends."""
 
 WHOLE_CELL = 1 / 32
 """Two grids are on one lattice if their origins are whole cells apart but for this; YAML rounds origins."""
-
-
-def gzip_grid(grid: OccupancyGrid, level: int = 6) -> int:
-    """Return the bytes of the whole grid: a header and gzip of one byte a cell, as in nav_msgs/OccupancyGrid."""
-    return _gzip_cells(grid.cells_yx, level)
 
 
 def gzip_changed_rectangle(old: OccupancyGrid | None, new: OccupancyGrid, level: int = 6) -> int:
@@ -46,20 +33,7 @@ def gzip_changed_rectangle(old: OccupancyGrid | None, new: OccupancyGrid, level:
         same_extent = shift_yx == (0, 0) and old.cells_yx.shape == new.cells_yx.shape
         return 0 if same_extent else HEADER_BYTES
     y, x = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-    return _gzip_cells(new.cells_yx[y[0] : y[-1] + 1, x[0] : x[-1] + 1], level)
-
-
-def png_grid(grid: OccupancyGrid) -> int:
-    """Return the bytes of the grid as an 8-bit grey PNG with best compression, and a header."""
-    from PIL import Image
-
-    file = io.BytesIO()
-    Image.fromarray(grid.cells_yx.view(np.uint8)).save(file, format="PNG", optimize=True)
-    return HEADER_BYTES + file.tell()
-
-
-def _gzip_cells(cells_yx: NDArray[np.int8], level: int) -> int:
-    return HEADER_BYTES + len(gzip.compress(cells_yx.tobytes(), level, mtime=0))
+    return HEADER_BYTES + len(pack(new.cells_yx[y[0] : y[-1] + 1, x[0] : x[-1] + 1], level=level))
 
 
 def _whole_cell_shift(old: OccupancyGrid, new: OccupancyGrid) -> tuple[int, int] | None:

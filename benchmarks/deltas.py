@@ -1,0 +1,204 @@
+"""What do updates cost while a map grows? Deltas of vector maps beside gzipped grids and differences of grids.
+
+Groups, never mixed in one median: the paper's terrains of 40 m and real maps, along whose free space a disc of 10 m
+moves by 1.5 m a step and uncovers what is in sight (100 steps); and generated worlds of 40 m that a robot explores, its
+ranges off by 2 cm and its poses by 1 cm (one sigma; 100 publishes). For each step:
+
+- delta: the record as it is published, payload and envelope; bytes: median, 99th percentile, largest
+- full: gzip -6 of the whole grid, as nav_msgs/OccupancyGrid
+- updates: gzip -6 of the smallest rectangle with all changes, as map_msgs/OccupancyGridUpdate
+- differences: the same rectangle as three states through the exact layer, with the last grid as its base: the best
+  that is known for grids
+
+and the ratios of their sums to that of the deltas. Grids are lossless and vector maps lie within epsilon = sqrt(2)
+cells: no ratio without that. After each step the delta is decoded and applied, and must give the same bytes.
+
+    python benchmarks/deltas.py [--maps MAP.yaml...] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from fleetmap.accounting import Ledger
+from fleetmap.codecs.baselines import gzip_changed_rectangle, gzip_grid
+from fleetmap.codecs.context_grid import encode_states
+from fleetmap.engine import Engine, Put
+from fleetmap.model.errors import MapWarning
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE, UNKNOWN
+from fleetmap.model.map_server import load_map
+from fleetmap.model.pose import FixedPose
+from fleetmap.paper.survey import survey_terrain
+from fleetmap.paper.survey_kernels import look_around
+from fleetmap.paper.terrains import choose_terrains
+from fleetmap.paper.tour import plan_tour
+from fleetmap.sims.agent import Agent
+from fleetmap.sims.explore import Explorer
+from fleetmap.sims.lidar import Lidar
+from fleetmap.sims.robot import Drive, Robot
+from fleetmap.sims.worlds import World, choose_starts, make_world
+from fleetmap.vectorize import Vectorizer
+
+REACH_M, STEP_M, BEAMS = 10.0, 1.5, 1440
+WALL_CELLS = 2
+"""Of what is not free so many cells are uncovered beside what is in sight."""
+
+LONGEST_S = 4000.0
+
+
+def uncover(grid: OccupancyGrid, steps: int) -> Iterator[OccupancyGrid]:
+    """A disc of sight moves through the largest free space of a grid."""
+    states, cell_m = grid.states_yx(), grid.resolution_m
+    solid = np.pad(states != FREE, 1, constant_values=True)[1:-1, 1:-1].copy()
+    places = plan_tour(World(solid, resolution_m=cell_m)).places_xy
+    apart = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))]) * cell_m
+    in_sight = np.zeros(solid.shape, bool)
+    square = np.ones((2 * WALL_CELLS + 1,) * 2, bool)
+    for k in range(steps):
+        if k * STEP_M > apart[-1]:
+            return
+        x, y = places[np.searchsorted(apart, k * STEP_M)]
+        look_around(solid, in_sight, x, y, BEAMS, REACH_M / cell_m)
+        known = ndimage.binary_dilation(in_sight, square)
+        yield OccupancyGrid.from_states(np.where(known, states, UNKNOWN).astype(np.uint8), cell_m, grid.origin)
+
+
+def explore(kind: str, size_m: float, steps: int) -> Iterator[OccupancyGrid]:
+    """The grids that one robot with noise publishes."""
+    world = make_world(kind, size_m=size_m, seed=1)
+    start = choose_starts(world, 1, radius_m=0.2, rng=np.random.default_rng(1))[0]
+    body = Robot(world, start, Lidar(), Drive(pose_noise_m=0.01), np.random.default_rng(1))
+    agent = Agent(body, T_fleet_robot=start, explorer=Explorer("r0"))
+    while steps and agent.now_s < LONGEST_S and not (agent.idle and agent.now_s > 60.0):
+        agent.advance(agent.now_s + 3.0)
+        if agent.publish_due:
+            yield body.mapper.grid()
+            agent.published()
+            steps -= 1
+
+
+def changed_states(old: OccupancyGrid | None, new: OccupancyGrid) -> int:
+    """Bytes of the changed rectangle as states, with the last grid as its base; 0 if nothing changed."""
+    states = new.states_yx()
+    before = np.full_like(states, UNKNOWN)
+    if old is not None:
+        off = new.origin.inverse() @ old.origin
+        row, column = round(off.y_m / new.resolution_m), round(off.x_m / new.resolution_m)
+        y0, x0 = max(row, 0), max(column, 0)
+        part = old.states_yx()[y0 - row :, x0 - column :][: new.height - y0, : new.width - x0]
+        before[y0 : y0 + part.shape[0], x0 : x0 + part.shape[1]] = part
+    changed = states != before
+    if not changed.any():
+        return 0
+    y, x = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+    window = (slice(y[0], y[-1] + 1), slice(x[0], x[-1] + 1))
+    return len(encode_states(states[window], before[window])) + 8  # where the rectangle lies
+
+
+def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
+    """One run: what each way of sending would have taken."""
+    vectorizer = Vectorizer()
+    author = Engine("r0", start=FixedPose(), ledger=Ledger())
+    listener = Engine("r1", start=FixedPose(), ledger=Ledger())
+    listener.on_alive("r0", 1, "0", now_s=0.0)
+    deltas: list[int] = []
+    sums = {"full": 0, "updates": 0, "differences": 0}
+    old = None
+    edges = 0
+
+    def carry() -> int:
+        size = 0
+        for output in author.take_outputs():
+            if isinstance(output, Put) and output.suffix == "delta":
+                listener.on_message("r0", "delta", output.payload, now_s=0.0)
+                size += len(output.payload)
+        return size
+
+    carry()
+    for grid in grids:
+        vector_map = vectorizer.update(grid)
+        edges = len(vector_map)
+        author.publish("0", vector_map)
+        deltas.append(carry())
+        (held,) = listener.holdings.replicas.values()
+        assert held.stream.digest == author.own.digest
+        sums["full"] += gzip_grid(grid)
+        sums["updates"] += gzip_changed_rectangle(old, grid)
+        sums["differences"] += changed_states(old, grid)
+        old = grid
+    total = sum(deltas)
+    sent = [size for size in deltas if size]
+    return {
+        "run": name,
+        "steps": len(deltas),
+        "edges": edges,
+        "bytes": total,
+        "median": float(np.median(deltas)),
+        "p99": float(np.percentile(deltas, 99)),
+        "largest": max(sent, default=0),
+        "ratios": {key: size / total for key, size in sums.items()},
+    }
+
+
+def runs(options: argparse.Namespace) -> Iterator[tuple[str, str, Iterator[OccupancyGrid]]]:
+    """Group, name and grids of each run."""
+    steps, terrain_m, world_m = (3, 10, 10.0) if options.tiny else (100, 40, 40.0)
+    for terrain in choose_terrains((terrain_m,)):
+        yield "terrains, uncovered", terrain.name, uncover(survey_terrain(terrain).grid, steps)
+    for kind in ("maze", "office", "unstructured"):
+        yield "worlds, explored with noise", f"{kind} {world_m:.0f} m", explore(kind, world_m, steps)
+    paths = options.maps
+    if not paths and not options.tiny and (folder := os.environ.get("FLEETMAP_DATA")):
+        paths = sorted(Path(folder).glob("maps/*/map.yaml"))
+    for path in paths:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MapWarning)
+            yield "real maps, uncovered", path.parent.name, uncover(load_map(path), steps)
+
+
+def main() -> None:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--maps", nargs="*", type=Path, default=[], help="map_server maps instead of FLEETMAP_DATA's")
+    parser.add_argument("--json", action="store_true", help="one document instead of lines")
+    parser.add_argument("--tiny", action="store_true", help="terrains of 10 m, three steps: for the tests")
+    options = parser.parse_args()
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for group, name, grids in runs(options):
+        row = follow(name, grids)
+        groups.setdefault(group, []).append(row)
+        if not options.json:
+            ratios = ", ".join(f"{key} {ratio:.1f} x" for key, ratio in row["ratios"].items())
+            print(
+                f"{group}: {name:22s}{row['steps']:4d} steps{row['edges']:7d} edges{row['bytes']:8d} B, "
+                f"a step {row['median']:.0f} B, p99 {row['p99']:.0f}, most {row['largest']}; {ratios}",
+                flush=True,
+            )
+    medians = {
+        group: {
+            **{key: float(np.median([row[key] for row in rows])) for key in ("median", "p99")},
+            "ratios": {key: float(np.median([row["ratios"][key] for row in rows])) for key in rows[0]["ratios"]},
+        }
+        for group, rows in groups.items()
+    }
+    if options.json:
+        json.dump({"epsilon_cells": 2**0.5, "groups": groups, "medians": medians}, sys.stdout)
+        return
+    for group, row in medians.items():
+        ratios = ", ".join(f"{key} {ratio:.1f} x" for key, ratio in row["ratios"].items())
+        print(f"median of {len(groups[group])}, {group}: {row['median']:.0f} B, p99 {row['p99']:.0f} B; {ratios}")
+
+
+if __name__ == "__main__":
+    main()
