@@ -84,6 +84,16 @@ def test_stats_of_maps_give_bytes_and_ratios(fleetmap_command, map_folder):
     assert found["codecs"]["raw"] == 120 * 80
     assert found["ratios"]["gzip9"] == 1.0
     assert found["ratios"]["vector"] == pytest.approx(found["codecs"]["gzip9"] / found["codecs"]["vector"])
+    rows = {row["codec"]: row for row in found["rows"]}
+    assert rows["exact"]["size_bytes"] == min(row["size_bytes"] for row in rows.values() if row["holds"] != "vector")
+    assert found["ratios_same_content"]["exact"] == 1.0
+    for row in rows.values():
+        lossy = row["holds"] == "vector"
+        assert (row["epsilon_cells"] is not None) == (row["metrics"] is not None) == lossy
+        assert row["codec"] == "raw" or min(row["encode_ms"], row["decode_ms"]) >= 0
+        assert row["size_bytes"] > 0
+    assert rows["wkb"]["metrics"] == rows["vector"]["metrics"]
+    assert rows["vector_full"]["metrics"]["MS"] >= rows["vector"]["metrics"]["MS"] > 95
 
 
 def test_the_kernels_are_compiled_and_kept(fleetmap_command, map_folder):
