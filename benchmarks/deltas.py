@@ -31,8 +31,7 @@ import numpy as np
 from scipy import ndimage
 
 from fleetmap.accounting import Ledger
-from fleetmap.codecs.baselines import gzip_changed_rectangle, gzip_grid
-from fleetmap.codecs.context_grid import encode_states
+from fleetmap.codecs.baselines import exact_changed_rectangle, gzip_changed_rectangle, gzip_grid
 from fleetmap.engine import Engine, Put
 from fleetmap.model.errors import MapWarning
 from fleetmap.model.grid import OccupancyGrid
@@ -88,24 +87,6 @@ def explore(kind: str, size_m: float, steps: int) -> Iterator[OccupancyGrid]:
             steps -= 1
 
 
-def changed_states(old: OccupancyGrid | None, new: OccupancyGrid) -> int:
-    """Bytes of the changed rectangle as states, with the last grid as its base; 0 if nothing changed."""
-    states = new.states_yx()
-    before = np.full_like(states, UNKNOWN)
-    if old is not None:
-        off = new.origin.inverse() @ old.origin
-        row, column = round(off.y_m / new.resolution_m), round(off.x_m / new.resolution_m)
-        y0, x0 = max(row, 0), max(column, 0)
-        part = old.states_yx()[y0 - row :, x0 - column :][: new.height - y0, : new.width - x0]
-        before[y0 : y0 + part.shape[0], x0 : x0 + part.shape[1]] = part
-    changed = states != before
-    if not changed.any():
-        return 0
-    y, x = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-    window = (slice(y[0], y[-1] + 1), slice(x[0], x[-1] + 1))
-    return len(encode_states(states[window], before[window])) + 8  # where the rectangle lies
-
-
 def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
     """One run: what each way of sending would have taken."""
     vectorizer = Vectorizer()
@@ -135,7 +116,7 @@ def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
         assert held.stream.digest == author.own.digest
         sums["full"] += gzip_grid(grid)
         sums["updates"] += gzip_changed_rectangle(old, grid)
-        sums["differences"] += changed_states(old, grid)
+        sums["differences"] += exact_changed_rectangle(old, grid)
         old = grid
     total = sum(deltas)
     sent = [size for size in deltas if size]

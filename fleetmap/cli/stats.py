@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from fleetmap.accounting.wire import estimate_wire_bytes, required_bandwidth_kbps
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
 from fleetmap.model.errors import MapFormatError
 
@@ -26,6 +27,9 @@ def stats(
     the rows behind `vector` are the lines of that map in other formats. Times are CPU time.
 
     For instance:  fleetmap stats maps/*.yaml
+
+    For a run: what all robots sent, and what grids would have cost at the same publishes; kbps is the
+    paper's required bandwidth, size / time, with the simulated time.
 
     or, after a simulation:  fleetmap stats RUN --json
     """
@@ -107,22 +111,49 @@ def _run_stats(folder: Path) -> dict[str, Any]:
     for key in keys:
         if not isinstance(document, dict) or key not in document:
             raise MapFormatError(path=path, field=key, reason="missing: expected the stats of `fleetmap sim`")
-    codecs = {key.removeprefix("bytes_"): document[key] for key in keys if key.startswith("bytes_")}
+    codecs = {key.removeprefix("bytes_"): size for key, size in document.items() if key.startswith("bytes_")}
     ratios = {name: size / codecs["vector"] for name, size in codecs.items()} if codecs["vector"] else {}
-    return {**document, "codecs": codecs, "ratios": ratios}
+    time_s = document.get("simulated_s", 0.0)
+    kbps = {name: required_bandwidth_kbps(size, time_s) for name, size in codecs.items()}
+    wire = {str(robot.get("robot")): _wire_bytes(robot) for robot in document["per_robot"]}
+    return {**document, "codecs": codecs, "ratios": ratios, "required_bandwidth_kbps": kbps, "wire_bytes": wire}
+
+
+def _wire_bytes(robot: dict[str, Any]) -> int | None:
+    """What a robot's messages may have taken on the wire; None if the run did not count them."""
+    sizes, messages = robot.get("sent", {}), robot.get("sent_messages")
+    return messages and sum(estimate_wire_bytes(messages[kind], size) for kind, size in sizes.items())
 
 
 def _print_run(document: dict[str, Any]) -> None:
+    kbps = document["required_bandwidth_kbps"]
     rows = [
-        [name.replace("_", " "), f"{size:,}", f"{document['ratios'].get(name, 0.0):.2f}"]
+        [
+            NAMES.get(name, name),
+            f"{size:,}",
+            f"{document['ratios'].get(name, 0.0):.2f}",
+            "" if kbps[name] is None else f"{kbps[name]:.2f}",
+        ]
         for name, size in document["codecs"].items()
     ]
-    print_table("the run, all robots", ["", "bytes", "times what fleetmap sent"], rows)
+    print_table("the run, all robots", ["", "bytes", "times what fleetmap sent", "kbps"], rows)
     robots = document["per_robot"]
     if robots:
         columns = sorted({kind for robot in robots for kind in robot.get("sent", {})})
-        print_table(
-            "bytes sent, by robot and kind",
-            ["robot", *columns],
-            [[str(r.get("robot")), *(f"{r.get('sent', {}).get(c, 0):,}" for c in columns)] for r in robots],
-        )
+        table = []
+        for robot in robots:
+            sent, name = robot.get("sent", {}), str(robot.get("robot"))
+            sizes = [f"{sent.get(column, 0):,}" for column in columns]
+            wire = document["wire_bytes"][name]
+            table.append([name, *sizes, f"{sum(sent.values()):,}", "" if wire is None else f"{wire:,}"])
+        title = "bytes sent, by robot and kind: payloads, and an estimate with the framing of Zenoh, TCP and IP"
+        print_table(title, ["robot", *columns, "payload", "wire (est.)"], table)
+
+
+NAMES = {
+    "vector": "fleetmap, all it sent",
+    "deltas": "of it deltas",
+    "grid_gzip_full": "whole grids, gzip -6",
+    "grid_gzip_updates": "changed rectangles, gzip -6",
+    "grid_exact_updates": "differences, exact layer",
+}

@@ -68,11 +68,12 @@ class GridPublisher:
         return update(grid)
 
     def _sizes(self, submap: str, grid: OccupancyGrid) -> dict[str, int]:
-        from fleetmap.codecs.baselines import gzip_changed_rectangle, gzip_grid
+        from fleetmap.codecs.baselines import exact_changed_rectangle, gzip_changed_rectangle, gzip_grid
 
         before = self._last.get(submap)
         self._last[submap] = grid
         return {
             "grid_gzip_full": gzip_grid(grid),
             "grid_gzip_updates": gzip_changed_rectangle(before, grid),
+            "grid_exact_updates": exact_changed_rectangle(before, grid),
         }

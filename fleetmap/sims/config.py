@@ -73,8 +73,8 @@ class RobotProgress:
     x_m, y_m : where it really is (world frame)
     covered : share of the reachable cells that it knows to be free, from a sample
     distance_m, collisions, published : since the start
-    bytes_vector, bytes_deltas, bytes_grid_gzip_full, bytes_grid_gzip_updates : sent so far, and what grids
-        would have cost
+    bytes_vector, bytes_deltas, bytes_grid_gzip_full, bytes_grid_gzip_updates, bytes_grid_exact_updates : sent so
+        far, and what grids would have cost
     trail_xy : where it has been since the round before (world frame)
     """
 
@@ -92,6 +92,7 @@ class RobotProgress:
     bytes_deltas: int = 0
     bytes_grid_gzip_full: int = 0
     bytes_grid_gzip_updates: int = 0
+    bytes_grid_exact_updates: int = 0
     trail_xy: tuple[tuple[float, float], ...] = ()
 
 

@@ -15,7 +15,13 @@ from fleetmap.sims.config import Death
 from fleetmap.sims.run import Run
 from fleetmap.sims.score import covered, map_error
 
-BYTES = ("bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates")
+BYTES = (
+    "bytes_vector",
+    "bytes_deltas",
+    "bytes_grid_gzip_full",
+    "bytes_grid_gzip_updates",
+    "bytes_grid_exact_updates",
+)
 
 
 def write_outcome(run: Run, deaths: list[Death]) -> dict[str, object]:
@@ -72,6 +78,7 @@ def figures(run: Run, deaths: list[Death], maps: list[MergedMap]) -> dict[str, o
         **totals,
         "ratio_full": ratio(totals["bytes_grid_gzip_full"], totals["bytes_vector"]),
         "ratio_updates": ratio(totals["bytes_grid_gzip_updates"], totals["bytes_vector"]),
+        "ratio_exact": ratio(totals["bytes_grid_exact_updates"], totals["bytes_vector"]),
         "merged_edges": max((len(m) for m in maps), default=0),
         "dead": [asdict(death) for death in deaths],
         "per_robot": [robot_figures(run, robot) for robot in run.latest],
@@ -97,6 +104,7 @@ def robot_figures(run: Run, robot: str) -> dict[str, object]:
         **shown,
         **sent(run, robot),
         "sent": {kind: count[1] for kind, count in kinds.items()} if isinstance(kinds, dict) else {},
+        "sent_messages": {kind: count[0] for kind, count in kinds.items()} if isinstance(kinds, dict) else {},
         "received": stats.get("received", {}),
         "dropped": stats.get("dropped", {}),
         "digest": run.sync.get(robot, {}).get("digest"),
@@ -138,6 +146,7 @@ def make_report(run: Run, deaths: list[Death], shown: MergedMap, document: dict[
     labels = {
         "bytes_grid_gzip_full": ("whole grids, gzip", "#9aa4ae"),
         "bytes_grid_gzip_updates": ("changed rectangles, gzip", "#4d5863"),
+        "bytes_grid_exact_updates": ("differences, exact layer", "#2f6fb0"),
         "bytes_vector": ("fleetmap, all it sent", "#c0445c"),
     }
     sizes = Chart(

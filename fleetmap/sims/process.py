@@ -149,6 +149,7 @@ class Child:
             bytes_deltas=sizes.bytes_deltas,
             bytes_grid_gzip_full=sizes.baselines.get("grid_gzip_full", 0),
             bytes_grid_gzip_updates=sizes.baselines.get("grid_gzip_updates", 0),
+            bytes_grid_exact_updates=sizes.baselines.get("grid_exact_updates", 0),
             trail_xy=tuple((round(x, 3), round(y, 3)) for x, y in trail),
         )
 

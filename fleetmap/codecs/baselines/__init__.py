@@ -24,7 +24,7 @@ from fleetmap.codecs.baselines import (
     wkb,
     zstd_states,
 )
-from fleetmap.codecs.baselines.changed_rectangle import gzip_changed_rectangle
+from fleetmap.codecs.baselines.changed_rectangle import exact_changed_rectangle, gzip_changed_rectangle
 from fleetmap.codecs.baselines.gzip_cells import gzip_grid
 from fleetmap.codecs.baselines.png import png_grid
 from fleetmap.codecs.baselines.protocol import EXTRA, HEADER_BYTES, GridBaseline, VectorBaseline, available
@@ -36,6 +36,7 @@ __all__ = [
     "GridBaseline",
     "VectorBaseline",
     "available",
+    "exact_changed_rectangle",
     "gzip_changed_rectangle",
     "gzip_grid",
     "png_grid",
