@@ -162,7 +162,7 @@ def test_a_payload_holds_no_more_than_its_size_allows(count: int, context: int) 
 
 
 def test_large_deltas_go_in_mode_0() -> None:
-    assert protocol.encode(diff(EMPTY, squares(5)), EMPTY)[0] & 0x0F == 1
+    assert protocol.encode(diff(EMPTY, squares(2)), EMPTY)[0] & 0x0F == 1
     with pytest.raises(ConfigError, match="mode 0"):
         protocol.encode(diff(EMPTY, squares(600)), EMPTY, mode=1)
     assert protocol.encode(diff(EMPTY, squares(600)), EMPTY)[0] & 0x0F == 0
