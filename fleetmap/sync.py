@@ -142,6 +142,11 @@ class SyncPeer:
         """All other robots that are known, living and absent."""
         return self._peer.peers
 
+    @property
+    def maps(self) -> dict[str, dict[str, VectorMap]]:
+        """By robot, the submaps of all others as they are held now."""
+        return self._peer.maps
+
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
         """Living robots with the pose and the goal that they announced last."""
         return self._peer.teammates(frame=frame)

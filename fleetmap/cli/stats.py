@@ -9,16 +9,30 @@ import typer
 
 from fleetmap.accounting.wire import estimate_wire_bytes, required_bandwidth_kbps
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
-from fleetmap.model.errors import MapFormatError
+from fleetmap.model.errors import ConfigError, MapFormatError
 
 
 def stats(
     inputs: Annotated[
-        list[Path], typer.Argument(metavar="MAP.yaml... | RUN", help="map_server maps, or one run folder of `sim`.")
-    ],
+        list[Path] | None,
+        typer.Argument(metavar="MAP.yaml... | RUN", help="map_server maps, or one run folder of `sim`."),
+    ] = None,
+    fleet: Annotated[str | None, typer.Option(metavar="NAME", help="Join this fleet, and watch it.")] = None,
+    connect: Annotated[
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="With --fleet: as tcp/10.0.0.2:7447.")
+    ] = None,
+    listen: Annotated[
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="With --fleet: where others may connect.")
+    ] = None,
+    no_multicast_scouting: Annotated[
+        bool, typer.Option("--no-multicast-scouting", help="With --fleet: find peers by --connect alone.")
+    ] = False,
+    for_s: Annotated[
+        float | None, typer.Option("--for-s", min=0.0, metavar="S", help="With --fleet: so long; else until Ctrl-C.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the size of vector maps with that of compressed grids, per map or over a finished run.
+    """Compare the size of vector maps with that of compressed grids: per map, over a finished run, or of a live fleet.
 
     For maps: bytes of each codec, how many times less that is than gzip -9 of the grid, and than the best
     grid codec for the same content: of a lossy row, for the grid that is drawn of it. Vector rows are lossy,
@@ -32,7 +46,21 @@ def stats(
     paper's required bandwidth, size / time, with the simulated time.
 
     or, after a simulation:  fleetmap stats RUN --json
+
+    With --fleet: joins, and shows what each robot sends and what grids, drawn from its maps each time they
+    change, would have cost; until Ctrl-C, which prints what was seen.
+
+    For instance:  fleetmap stats --fleet site-4 --connect tcp/10.0.0.2:7447
     """
+    if (fleet is None) == (not inputs):
+        reason = "expected maps, a run folder, or --fleet NAME" if fleet is None else "goes without maps or a run"
+        raise ConfigError(option="fleet", value=fleet, reason=reason)
+    if fleet is not None:
+        _watch(fleet, connect or [], listen or [], "local" if no_multicast_scouting else "lan", for_s, as_json)
+        return
+    if any(value is not None for value in (connect, listen, for_s)) or no_multicast_scouting:
+        raise ConfigError(option="fleet", value=fleet, reason="--connect, --listen and --for-s go with --fleet")
+    assert inputs is not None
     if len(inputs) == 1 and inputs[0].is_dir():
         document = _run_stats(inputs[0])
         if as_json:
@@ -57,6 +85,24 @@ def stats(
     elif len(documents) > 1:
         rows = [[name, f"{ratio:.2f}", f"{same[name]:.2f}"] for name, ratio in medians.items()]
         print_table(f"median of {len(documents)} maps", ["codec", "x below gzip -9", "x below best grid"], rows)
+
+
+def _watch(fleet: str, connect: list[str], listen: list[str], profile: str, for_s: float | None, as_json: bool) -> None:
+    import asyncio
+
+    from rich.console import Console
+
+    from fleetmap.cli.fleet_stats import as_table, watch_fleet
+
+    live = not as_json and stderr.is_terminal
+    watching = watch_fleet(fleet, connect=connect, listen=listen, profile=profile, for_s=for_s, live=live)
+    document = asyncio.run(watching)
+    if as_json:
+        print_json(document)
+    else:
+        console = Console()
+        console = console if console.is_terminal else Console(width=160)
+        console.print(as_table(document))
 
 
 def _medians(documents: list[dict[str, Any]], key: str) -> dict[str, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fleetmap.engine import Engine
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
+from fleetmap.model.vectormap import VectorMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,12 @@ def peer_infos(engine: Engine) -> list[PeerInfo]:
         T_fleet_robot = None if start is None else start.to_pose()
         infos.append(PeerInfo(robot, alive, stream.epoch, stream.seq, stream.edges, stream.header.level, T_fleet_robot))
     return infos
+
+
+def maps_of(engine: Engine) -> dict[str, dict[str, VectorMap]]:
+    """By robot, the submaps of all others, of their latest epoch."""
+    latest = {s.robot: s for s in engine.holdings.streams() if s.robot != engine.robot}
+    return {robot: {name: s.vector_map for name, s in stream.submaps.items()} for robot, stream in latest.items()}
 
 
 def teammate_infos(engine: Engine, *, frame: str, now_s: float) -> list[TeammateInfo]:

@@ -28,7 +28,7 @@ from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.discovery import find_epoch
 from fleetmap.peer.folder import Folder
 from fleetmap.peer.inbox import Alive, Gone, Inbox, Item, Message, Query, Reply, ReplyEnd
-from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, peer_infos, teammate_infos
+from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
 from fleetmap.peer.link import Link
 from fleetmap.peer.publisher import GridPublisher
 from fleetmap.peer.supervisor import LinkSupervisor
@@ -242,6 +242,11 @@ class Peer:
     def peers(self) -> list[PeerInfo]:
         """All other robots that are known, living and absent, by name; their latest epoch."""
         return peer_infos(self._engine)
+
+    @property
+    def maps(self) -> dict[str, dict[str, VectorMap]]:
+        """By robot, the submaps of all others as they are held now, each in its own frame; their latest epoch."""
+        return maps_of(self._engine)
 
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
         """Living robots with the pose and the goal that they announced last.
