@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetmap.codecs.range_kernels import GOOD, LOW, MODE, RANGE, READ, STATUS, TOP, WHOLE, renew
+from fleetmap.codecs.range_kernels import GOOD, STATUS, decide
 
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
@@ -23,22 +23,6 @@ CERTAIN = (1 << 22) - 1
 START = 1 << 31
 START_WEIGHT = 22938
 """0.35, in 65536ths: weights add up to more than 1, since neighbourhoods are surer together."""
-
-
-@njit("i8(i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
-def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value: int) -> int:
-    """One decision that is 1 with a chance out of 2^16; it is written, or read and returned."""
-    bound = (coder[RANGE] >> 16) * chance
-    if coder[MODE] == READ:
-        value = 1 if coder[LOW] < bound else 0
-    if value:
-        coder[RANGE] = bound
-    else:
-        coder[LOW] += -bound if coder[MODE] == READ else bound
-        coder[RANGE] -= bound
-    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
-        renew(coder, data)
-    return value
 
 
 @njit("void(u4[::1], i8, i8)", cache=True, nogil=True, inline="always")

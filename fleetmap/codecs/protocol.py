@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Protocol
 
-from fleetmap.codecs import mode0, mode1
+from fleetmap.codecs import mode0, mode1, mode2
 from fleetmap.codecs.fields import DeltaFields, to_delta, to_fields
 from fleetmap.model.delta import MapDelta, diff
 from fleetmap.model.errors import ConfigError, WireError
@@ -28,7 +29,7 @@ class PayloadCodec(Protocol):
         ...
 
 
-CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0, mode1.MODE: mode1}
+CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0, mode1.MODE: mode1, mode2.MODE: mode2}
 
 
 def encode(delta: MapDelta, base: VectorMap, *, mode: int | None = None) -> bytes:
@@ -43,14 +44,14 @@ def encode(delta: MapDelta, base: VectorMap, *, mode: int | None = None) -> byte
     fields = to_fields(delta, base)
     if mode is not None:
         return CODECS[mode].encode(fields, base)
-    payload = mode0.encode(fields, base)
-    try:
-        return min(mode1.encode(fields, base), payload, key=len)
-    except ConfigError:
-        return payload
+    payloads = [mode0.encode(fields, base)]
+    for codec in (mode1, mode2):
+        with contextlib.suppress(ConfigError):  # each says so if it isn't for such a delta
+            payloads.append(codec.encode(fields, base))
+    return min(payloads, key=len)
 
 
-def encode_snapshot(vector_map: VectorMap, *, mode: int | None = mode0.MODE) -> bytes:
+def encode_snapshot(vector_map: VectorMap, *, mode: int | None = None) -> bytes:
     """A whole map as a payload: a delta against the empty map on the same lattice."""
     empty = VectorMap.empty(vector_map.lattice, epsilon_cells=vector_map.epsilon_cells, profile=vector_map.profile)
     return encode(diff(empty, vector_map), empty, mode=mode)

@@ -123,6 +123,22 @@ def even(coder: NDArray[np.int64], data: NDArray[np.uint8], value: int) -> int:
     return value
 
 
+@njit("i8(i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
+def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value: int) -> int:
+    """One decision that is 1 with a chance out of 2^16; it is written, or read and returned."""
+    bound = (coder[RANGE] >> 16) * chance
+    if coder[MODE] == READ:
+        value = 1 if coder[LOW] < bound else 0
+    if value:
+        coder[RANGE] = bound
+    else:
+        coder[LOW] += -bound if coder[MODE] == READ else bound
+        coder[RANGE] -= bound
+    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
+        renew(coder, data)
+    return value
+
+
 @njit("i8(i8)", cache=True, nogil=True)
 def length_of(value: int) -> int:
     """How many bits a number >= 0 has."""
