@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fleetmap.model.bands import Bands
 from fleetmap.model.delta import MapDelta, apply, diff, find_rows
 from fleetmap.model.errors import MapFormatError
-from fleetmap.model.hashing import hash_rows, sum_mod64
+from fleetmap.model.hashing import hash_ints
 from fleetmap.model.lattice import MAX_COORDINATE, Lattice
 from fleetmap.model.sort_kernels import order_of
 from fleetmap.model.vectormap import VectorMap
@@ -62,8 +62,8 @@ def plain_rows(rows: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
 
 
 def plain_digest(vector_map: VectorMap) -> int:
-    rows = np.column_stack([vector_map.edges, vector_map.thickness])
-    edges = sum_mod64(hash_rows(vector_map.edges, 2)) + sum_mod64(hash_rows(rows[rows[:, 5] > 0], 3))
+    rows = np.column_stack([vector_map.edges, vector_map.thickness]).tolist()
+    edges = sum(hash_ints(tuple(row[:5]), 2) + (hash_ints(tuple(row), 3) if row[5] else 0) for row in rows)
     return (VectorMap.empty(LATTICE).digest + edges) % 2**64
 
 

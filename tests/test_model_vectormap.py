@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleetmap.model.errors import ConfigError, MapFormatError
-from fleetmap.model.hashing import hash_ints, hash_rows, hash_text, sum_mod64
+from fleetmap.model.hashing import hash_ints, hash_text
 from fleetmap.model.lattice import MAX_COORDINATE, Lattice
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -107,13 +107,6 @@ def test_arcs_hold_every_edge_once_and_end_where_labels_or_degrees_change(rows):
 def test_an_impossible_edge_is_refused(row):
     with pytest.raises(MapFormatError):
         vector_map([row])
-
-
-@given(edge_lists)
-def test_the_row_hash_equals_the_scalar_one(rows):
-    array = np.array(rows, np.int64).reshape(-1, 5)
-    assert hash_rows(array, 7).tolist() == [hash_ints(row, 7) for row in rows]
-    assert sum_mod64(hash_rows(array, 7)) == sum(hash_ints(row, 7) for row in rows) % 2**64
 
 
 def test_the_hash_is_what_the_format_page_says():

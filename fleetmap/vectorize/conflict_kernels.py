@@ -130,6 +130,26 @@ def is_before(ay: int, ax: int, by: int, bx: int) -> bool:
     return ax * by - ay * bx > 0
 
 
+@njit("b1(i8[::1], i8[:,::1], i8[::1], i8)", cache=True, nogil=True)
+def go_around(crack: NDArray[np.int64], away: NDArray[np.int64], owner: NDArray[np.int64], size: int) -> bool:
+    """Sort edges that leave a vertex by their cracks; whether their directions then go around it once.
+
+    ``away`` (size, 2) are the ways (y, x) to their other ends; ``owner`` is sorted with them.
+    """
+    for q in range(1, size):
+        for r in range(q, 0, -1):
+            if crack[r] < crack[r - 1]:
+                crack[r], crack[r - 1] = crack[r - 1], crack[r]
+                owner[r], owner[r - 1] = owner[r - 1], owner[r]
+                for axis in range(2):
+                    away[r, axis], away[r - 1, axis] = away[r - 1, axis], away[r, axis]
+    descents = 0
+    for q in range(size):
+        r = (q + 1) % size
+        descents += not is_before(away[q, 0], away[q, 1], away[r, 0], away[r, 1])
+    return size < 3 or descents == 1
+
+
 @njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8)", cache=True, nogil=True)
 def list_crossings(
     points: NDArray[np.int32], offsets: NDArray[np.int32], special: NDArray[np.uint8], arcs: int
@@ -180,19 +200,7 @@ def find_turned(
             crack[q] = (edges[k, 8] >> 2) + 2 & 3 if side else edges[k, 8] & 3
             away[q, 0] = edges[k, 2 - 2 * side] - edges[k, 2 * side]
             away[q, 1] = edges[k, 3 - 2 * side] - edges[k, 2 * side + 1]
-        # Sorted by cracks, the directions must go around once.
-        for q in range(1, size):
-            for r in range(q, 0, -1):
-                if crack[r] < crack[r - 1]:
-                    crack[r], crack[r - 1] = crack[r - 1], crack[r]
-                    owner[r], owner[r - 1] = owner[r - 1], owner[r]
-                    for axis in range(2):
-                        away[r, axis], away[r - 1, axis] = away[r - 1, axis], away[r, axis]
-        descents = 0
-        for q in range(size):
-            r = (q + 1) % size
-            descents += not is_before(away[q, 0], away[q, 1], away[r, 0], away[r, 1])
-        if size > 2 and descents != 1:
+        if not go_around(crack, away, owner, size):
             # The one that has turned farthest from its crack.
             worst, least = 0, 2.0
             for q in range(size):

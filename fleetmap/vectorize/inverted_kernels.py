@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetmap.vectorize.conflict_kernels import is_before
+from fleetmap.vectorize.conflict_kernels import go_around
 from fleetmap.vectorize.edge_kernels import direction
 from fleetmap.vectorize.index_kernels import (
     AT_X,
@@ -177,17 +177,6 @@ def is_turned(
                 away[count, 0] = records[neighbour, AT_Y] - records[r, AT_Y]
                 away[count, 1] = records[neighbour, AT_X] - records[r, AT_X]
                 count += 1
-        # Sorted by cracks, the directions must go around once.
-        for q in range(1, count):
-            for r in range(q, 0, -1):
-                if crack[r] < crack[r - 1]:
-                    crack[r], crack[r - 1] = crack[r - 1], crack[r]
-                    for axis in range(2):
-                        away[r, axis], away[r - 1, axis] = away[r - 1, axis], away[r, axis]
-        descents = 0
-        for q in range(count):
-            r = (q + 1) % count
-            descents += not is_before(away[q, 0], away[q, 1], away[r, 0], away[r, 1])
-        if count > 2 and descents != 1:
+        if not go_around(crack, away, crack.copy(), count):
             return True
     return False
