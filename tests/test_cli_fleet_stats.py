@@ -33,6 +33,9 @@ def endpoint() -> str:
 
 @pytest.mark.parametrize("ends", ["in time", "by Ctrl-C"])
 async def test_it_counts_what_robots_send_and_what_grids_would_have_cost(endpoint, timeout_factor, ends):
+    warm = Grids()
+    for size in (20, 30):
+        warm.look({"0": room(size)})  # compiles and keeps the kernels that the watcher needs in its three seconds
     command = ["stats", "--fleet", "watched", "--connect", endpoint, "--no-multicast-scouting", "--json"]
     command += ["--for-s", "3"] if ends == "in time" else []
     async with fleetmap.join("r1", fleet="watched", profile="local", listen=[endpoint], start=Pose2()) as robot:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +207,14 @@ def test_each_flipped_bit_is_refused_or_gives_states_of_its_own():
 def test_refusals_say_why(data, reason):
     with pytest.raises(WireError, match=reason):
         decode_states(data)
+
+
+def test_zeros_behind_the_end_are_not_read_for_ever():
+    data = encode_leb128(np.array([3000, 4000])) + encode_states(room())[2:]
+    started = time.process_time()
+    with pytest.raises(WireError, match="shortest"):
+        decode_states(data)
+    assert time.process_time() - started < 2.0
 
 
 def test_another_base_is_refused_or_noticed():

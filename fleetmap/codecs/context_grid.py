@@ -18,8 +18,8 @@ from fleetmap.codecs.range_coder import check
 from fleetmap.model.errors import WireError
 from fleetmap.model.lattice import UNKNOWN
 
-MAX_CELLS, CELLS_PER_BYTE = 1 << 26, 1 << 18
-"""A payload of B bytes holds at most min(2^26, 2^18 B) cells: what hostile bytes can cost."""
+MAX_CELLS, CELLS_PER_BYTE = 1 << 25, 1 << 18
+"""A payload of B bytes holds at most min(2^25, 2^18 B) cells: what hostile bytes can cost, a second and 33 MB."""
 
 CHANCES = (
     0, 1, 1, 2, 3, 5, 8, 13, 22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743,
@@ -42,7 +42,7 @@ def encode_states(states_yx: NDArray[np.uint8], base_yx: NDArray[np.uint8] | Non
 
     Raises
     ------
-    ValueError : another shape or state, or more than 2^26 cells
+    ValueError : another shape or state, or more than 2^25 cells
     """
     from fleetmap.codecs.range_kernels import AT, WRITE, begin, finish_writing
 

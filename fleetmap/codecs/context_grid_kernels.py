@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetmap.codecs.range_kernels import GOOD, STATUS, decide
+from fleetmap.codecs.range_kernels import AT, GOOD, MODE, NOT_SHORTEST, READ, STATUS, decide
 
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
@@ -21,6 +21,11 @@ SEEN_BITS = 10
 
 CERTAIN = (1 << 22) - 1
 START = 1 << 31
+
+BEHIND = 24
+"""Reading ends in error so many bytes behind the last one: more zeros than these no writer leaves out, and without an
+end they would be states that cost a liar nothing."""
+
 START_WEIGHT = 22938
 """0.35, in 65536ths: weights add up to more than 1, since neighbourhoods are surer together."""
 
@@ -111,6 +116,9 @@ def code_states(
                     is_second = decide(coder, data, chance, is_second)
                     learn(alike, first + 1, is_second)
             else:
+                if coder[MODE] == READ and coder[AT] > len(data) + BEHIND:
+                    coder[STATUS] = NOT_SHORTEST
+                    return
                 six = ((((w * 3 + nw) * 3 + n) * 3 + ne) * 3 + ww) * 3 + nn
                 twelve = (((((six * 3 + www) * 3 + nww) * 3 + nee) * 3 + nnw) * 3 + nne) * 3 + nnn
                 beside = (w * 3 + n) * 3 + ne
