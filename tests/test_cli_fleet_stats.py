@@ -33,13 +33,17 @@ def endpoint() -> str:
 
 @pytest.mark.parametrize("ends", ["in time", "by Ctrl-C"])
 async def test_it_counts_what_robots_send_and_what_grids_would_have_cost(endpoint, timeout_factor, ends):
-    warm = Grids()
-    for size in (20, 30):
-        warm.look({"0": room(size)})  # compiles and keeps the kernels that the watcher needs in its three seconds
     command = ["stats", "--fleet", "watched", "--connect", endpoint, "--no-multicast-scouting", "--json"]
-    command += ["--for-s", "3"] if ends == "in time" else []
+    command += ["--for-s", "6"] if ends == "in time" else []
     async with fleetmap.join("r1", fleet="watched", profile="local", listen=[endpoint], start=Pose2()) as robot:
         await robot.publish(room(100))
+        # Whoever reads first compiles and keeps the kernels: the watcher has only some seconds.
+        async with fleetmap.join("stats-first", fleet="watched", profile="local", connect=[endpoint]) as first:
+            await first.synced(120 * timeout_factor, at_least=1)
+            await robot.publish(room(99))
+            await first.synced(120 * timeout_factor)
+            for maps in first.maps.values():
+                Grids().look(maps)
         watcher = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "fleetmap", *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
         )
