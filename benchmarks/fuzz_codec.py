@@ -1,8 +1,8 @@
 """Do any bytes hurt a receiver? Random, mutated, cut and spliced payloads of all modes and of the exact layer.
 
 Seeds are payloads of generated maps: snapshots, deltas and grids. Whatever comes of them must be refused with a
-``WireError``, or be a delta that applies (or is told not to fit), or states; within the time that its size allows, and
-without more memory than is stated in ``docs/format.md``. With --atheris, if it is installed, coverage leads the way.
+``WireError``, or be a delta that applies (or is told not to fit), or states, within half a second. The most memory that
+the process took is printed. With --atheris, if it is installed, coverage leads the way.
 
     python benchmarks/fuzz_codec.py --cases 200000 [--seed 1]
 """

@@ -263,12 +263,15 @@ def test_each_flipped_bit_is_refused_or_gives_another_map() -> None:
     assert refused > 0
 
 
-@pytest.mark.parametrize("count", [300, 4000])
-def test_a_payload_holds_no_more_than_its_size_allows(count: int) -> None:
-    """Many equal squares cost next to nothing each: more than 16 a byte are refused, and go in mode 0."""
-    side = 2
-    corners = np.array([[0, 0, 0, side, 2], [0, 0, side, 0, 6], [0, side, side, side, 2], [side, 0, side, side, 6]])
+@pytest.mark.parametrize("count", [300, 40_000])
+def test_equal_squares_go_in_mode_0_and_too_many_of_them_must(count: int) -> None:
+    """Each costs next to nothing, and a payload of mode 2 holds no more than 16 edges a byte, and 2^17."""
+    corners = np.array([[0, 0, 0, 2, 2], [0, 0, 2, 0, 6], [0, 2, 2, 2, 2], [2, 0, 2, 2, 6]])
     rows = (corners + np.arange(count)[:, None, None] * np.array([4, 0, 4, 0, 0])).reshape(-1, 5).astype(np.int32)
     vector_map = VectorMap(Lattice(50_000), rows, np.zeros(len(rows), np.uint8))
     payload = protocol.encode_snapshot(vector_map)
+    assert payload[0] & 0x0F == 0
     assert read(payload).digest == vector_map.digest
+    if len(rows) > mode2.MAX_EDGES:
+        with pytest.raises(ConfigError, match="is for mode 0"):
+            protocol.encode_snapshot(vector_map, mode=2)

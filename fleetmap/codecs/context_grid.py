@@ -19,7 +19,7 @@ from fleetmap.model.errors import WireError
 from fleetmap.model.lattice import UNKNOWN
 
 MAX_CELLS, CELLS_PER_BYTE = 1 << 25, 1 << 18
-"""A payload of B bytes holds at most min(2^25, 2^18 B) cells: what hostile bytes can cost, a second and 33 MB."""
+"""A payload of B bytes holds at most min(2^25, 2^18 B) cells: 33 MB, and some 25 ns a cell of a map."""
 
 CHANCES = (
     0, 1, 1, 2, 3, 5, 8, 13, 22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743,

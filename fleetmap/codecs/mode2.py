@@ -23,7 +23,7 @@ MAX_ITEMS, ITEMS, ITEMS_PER_BYTE = 1 << 18, 1024, 256
 """An item is a walk or an edge. A payload may hold 1024 of them and 256 more for each of its bytes, at most 2^18."""
 
 MAX_EDGES, EDGES, EDGES_PER_BYTE = 1 << 17, 64, 16
-"""The same for the edges by themselves, and for the walks: what hostile bytes can cost, 50 ms and 7 MB."""
+"""The same for the edges by themselves, and for the walks: so many take 7 MB, and half a microsecond each."""
 
 MAX_BYTES = 1 << 19
 """Most bytes behind the first one."""

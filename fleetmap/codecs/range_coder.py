@@ -18,7 +18,7 @@ REASONS = (
     "no range coder writes these first bytes",
     "bytes are left over",
     "the range coder's bytes are damaged, or not the shortest",
-    "a number is longer than 34 bits",
+    "a number is longer than 34 bits, or 24 in mode 2",
     "more numbers than a payload of this size may hold",
     "a coordinate is farther than 1048576 cells from the lattice's origin",
     "a walk ends at a target that is not there",
