@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import time
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import fleetmap
 import fleetmap.sync
 from fleetmap.accounting import Ledger
+from fleetmap.engine import Engine
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import Pose2
@@ -121,6 +123,30 @@ async def test_a_peer_opens_once() -> None:
     await never_opened.close()
     with pytest.raises(fleetmap.LinkError, match="closed"):
         await never_opened.set_pose(Pose2())
+
+
+async def test_what_comes_in_while_a_peer_closes_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last words take their time in the engine's thread; a message of another robot meets them there."""
+    hub = MemoryHub(LoopClock())
+    async with fleetmap.join("b", start=Pose2(), link=hub.link("b")) as b:
+        a = await fleetmap.join("a", start=Pose2(), link=hub.link("a"))
+        await a.publish(grid())
+        send_waiting = Engine.send_waiting
+
+        def slowly(self: Engine, now_s: float) -> None:
+            time.sleep(0.3)
+            send_waiting(self, now_s)
+
+        monkeypatch.setattr(Engine, "send_waiting", slowly)
+        closing = asyncio.ensure_future(a.close())
+        await asyncio.sleep(0)
+        for width in range(61, 66):
+            await b.publish(grid(width))
+            await asyncio.sleep(0.02)
+        await closing
+        assert [change async for change in a.changes()] == []
+        with pytest.raises(fleetmap.LinkError, match="the peer is closed"):
+            await a.publish(grid())
 
 
 async def test_the_sync_facade_does_the_same() -> None:

@@ -141,6 +141,9 @@ class Peer:
     async def close(self) -> None:
         """Leave the fleet; the map stays with the others. May be called twice; goes on if the caller gives up."""
         if self._state == "open":
+            # Before the state: a task that asked the engine once more would take the closed peer for a failure.
+            for task in self._tasks:
+                task.cancel()
             self._closing = asyncio.ensure_future(self._leave())
         self._state = "closed"
         if self._closing is not None and not self._closing.done():
@@ -151,11 +154,9 @@ class Peer:
             self._engine.send_waiting(self._clock())
             self._carry_out()
 
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._tasks and self._failure is None:
             await asyncio.get_running_loop().run_in_executor(self._executor, send_waiting)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
         self._inbox.close()
         await self._link.close()
         self._executor.shutdown(wait=False)
