@@ -24,8 +24,8 @@ CHANGE = msg.Change(
     ),
 )
 MESSAGES: list[msg.Message] = [
-    msg.Record(REVISION, CHANGE),
-    msg.Record(msg.Revision(0, 0, 0), msg.Change(None, ())),
+    msg.Record(3, 7, 2**32 - 1, CHANGE),
+    msg.Record(0, 0, 0, msg.Change(None, ())),
     msg.SnapshotChunk(REVISION, 2, 3, b"abc"),
     msg.Heartbeat(1, 2, 3),
     msg.Want(REVISION),
@@ -102,10 +102,16 @@ def test_damaged_messages_raise_nothing_but_wire_errors(message: msg.Message, da
         ([1, 5, [["a/b", 1, 1, 1]]], "name"),
         ([1, 5, [["a" * 65, 1, 1, 1]]], "64"),
         ([1, 7, 1, [1]], "array of 2"),
-        ([1, 1, 1, 1, 1, ["0", [0, 0, 1, 1], []], []], "rotation"),
-        ([1, 1, 1, 1, 1, None, [["0", None, [5, [], 1.0, 0], None]]], "0.1 mm"),
-        ([1, 1, 1, 1, 1, None, [["0", None, [50000, [], float("nan"), 0], None]]], "error bound"),
-        ([1, 1, 1, 1, 1, None, [["0", None, [50000, [], 1.0, 3], None]]], "whole number"),
+        ([1, 1, 1, 1, 1, {}, ["0", [0, 0, 1, 1], []]], "rotation"),
+        ([1, 1, 1, 1, 1, {"0": [None, None, [5, [], 1.0, 0]]}], "0.1 mm"),
+        ([1, 1, 1, 1, 1, {"0": [None, None, [50000, [], float("nan"), 0]]}], "error bound"),
+        ([1, 1, 1, 1, 1, {"0": [None, None, [50000, [], 1.0, 3]]}], "whole number"),
+        ([1, 1, 1, 1, 2**32, {}], "whole number"),
+        ([1, 1, 1, 1], "whole number"),
+        ([1, 1, 1, 1, 1], "map of submaps"),
+        ([1, 1, 1, 1, 1, {}, [], []], "map of submaps"),
+        ([1, 1, 1, 1, 1, {"a/b": b""}], "name"),
+        ([1, 1, 1, 1, 1, {"0": 5}], "array of 3"),
     ],
 )
 def test_a_field_out_of_bounds_is_named(fields: list[object], reason: str) -> None:
@@ -114,9 +120,20 @@ def test_a_field_out_of_bounds_is_named(fields: list[object], reason: str) -> No
 
 
 def test_long_lists_and_maps_are_refused() -> None:
-    for fields in ([1, 5, [0] * 5000], {1: 2}, [1, 5, {}]):
+    for fields in ([1, 5, [0] * 5000], {1: 2}, [1, 5, {}], [1, 1, 1, 1, 1, {f"{i}": b"" for i in range(5000)}]):
         with pytest.raises(WireError):
             env.decode(msgpack.packb(fields), robot="r")
+
+
+def test_a_submap_that_is_named_twice_is_refused() -> None:
+    raw = msgpack.packb([1, 1, 1, 1, 1, {"a": b"x", "b": b"y"}])
+    with pytest.raises(WireError, match="twice"):
+        env.decode(raw.replace(b"b", b"a"), robot="r")
+
+
+def test_a_record_takes_15_bytes_beside_its_payload() -> None:
+    record = msg.Record(1, 100, 2**32 - 1, msg.Change(None, (msg.SubmapChange("0", None, None, b"x" * 40),)))
+    assert len(env.encode(record)) == 15 + 40
 
 
 @pytest.mark.parametrize("name", ["", "a/b", "a b", "é", "a" * 65, "*", None])

@@ -32,7 +32,7 @@ def test_a_start_and_an_anchor_too_far_together_leave_that_submap_out() -> None:
 def test_epochs_of_one_robot_that_never_begin_leave_room_for_others() -> None:
     me, good = Engine("me"), Engine("good")
     for epoch in range(1, 1100):
-        gap = Record(Revision(epoch, 2, 5), Change(None, ()))
+        gap = Record(epoch, 2, 5, Change(None, ()))
         me.on_message("bad", "delta", envelope.encode(gap), now_s=0.0)
     tell(me, "good", good)
     assert ("good", 1) in me.holdings.replicas
@@ -57,8 +57,8 @@ def test_no_claim_about_its_epochs_silences_a_robot() -> None:
     me, victim = Engine("me"), Engine("v")
     header = Header(forgets=(("v", 2**32 - 1), ("me", 2**32 - 1)))
     change = Change(header, ())
-    stream = advance(Stream("bad", 1), change, Revision(1, 1, Stream("bad", 1, 1, header).digest))
-    record = envelope.encode(Record(stream.revision, change))
+    stream = advance(Stream("bad", 1), change, seq=1, digest=Stream("bad", 1, 1, header).digest)
+    record = envelope.encode(Record(1, 1, stream.revision.check, change))
     for engine in (me, victim):
         engine.on_message("bad", "delta", record, now_s=0.0)
         assert ("bad", 1) in engine.holdings.replicas

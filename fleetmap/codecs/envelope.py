@@ -11,6 +11,7 @@ from typing import TypeVar
 import msgpack
 
 from fleetmap.codecs.messages import (
+    CHECK_MASK,
     MAX_CHUNK_BYTES,
     MAX_CHUNKS,
     MAX_COUNTER,
@@ -45,8 +46,8 @@ T = TypeVar("T")
 def encode(message: Message) -> bytes:
     """A message as bytes."""
     match message:
-        case Record(revision, change):
-            fields = [*_revision_out(revision), *_change_out(change)]
+        case Record(epoch, seq, check, change):
+            fields = [epoch, seq, check, *_change_out(change)]
         case SnapshotChunk(revision, index, count, data):
             fields = [*_revision_out(revision), index, count, data]
         case Heartbeat(epoch, seq, held):
@@ -81,7 +82,7 @@ def encode_change(change: Change) -> bytes:
 
 def decode_change(data: bytes, *, robot: str) -> Change:
     """The change in ``data``; raises nothing but ``WireError``."""
-    return _guarded(data, robot, lambda: _read_change(_array(_unpack(data), 2)))
+    return _guarded(data, robot, lambda: _read_change(_unpack(data)))
 
 
 def map_header_fields(header: MapHeader) -> list[object]:
@@ -120,7 +121,13 @@ def _unpack(data: bytes) -> object:
     if len(data) > MAX_MESSAGE_BYTES:
         raise ValueError("too long")
     unpacked: object = msgpack.unpackb(
-        data, use_list=False, max_str_len=64, max_array_len=MAX_ROWS, max_map_len=0, max_ext_len=0
+        data,
+        use_list=False,
+        object_pairs_hook=_unlike,
+        max_str_len=64,
+        max_array_len=MAX_ROWS,
+        max_map_len=MAX_ROWS,
+        max_ext_len=0,
     )
     return unpacked
 
@@ -134,15 +141,18 @@ def _read_message(fields: object) -> Message:
     body = tuple(rest)
     match kind:
         case Record.KIND:
-            a = _array(body, 5)
-            return Record(_read_revision(a[:3]), _read_change(a[3:]))
+            return Record(
+                *_counters(body[:2]),
+                _integer(body[2] if len(body) > 2 else None, 0, CHECK_MASK),
+                _read_change(body[3:]),
+            )
         case SnapshotChunk.KIND:
             a = _array(body, 6)
             count = _integer(a[4], 1, MAX_CHUNKS)
             index = _integer(a[3], 0, count - 1)
             return SnapshotChunk(_read_revision(a[:3]), index, count, _bytes(a[5], MAX_CHUNK_BYTES))
         case Heartbeat.KIND:
-            return Heartbeat(*_read_revision_fields(_array(body, 3)))
+            return Heartbeat(*_revision_fields(_array(body, 3)))
         case Want.KIND:
             return Want(_read_revision(_array(body, 3)))
         case RevisionList.KIND:
@@ -170,47 +180,62 @@ def _revision_out(revision: Revision) -> list[int]:
     return [revision.epoch, revision.seq, revision.digest]
 
 
-def _read_revision_fields(fields: tuple[object, ...]) -> tuple[int, int, int]:
-    epoch, seq, digest = fields
-    return _integer(epoch, 0, MAX_COUNTER), _integer(seq, 0, MAX_COUNTER), _integer(digest, 0, (1 << 64) - 1)
+def _counters(fields: tuple[object, ...]) -> tuple[int, int]:
+    epoch, seq = _array(fields, 2)
+    return _integer(epoch, 0, MAX_COUNTER), _integer(seq, 0, MAX_COUNTER)
+
+
+def _revision_fields(fields: tuple[object, ...]) -> tuple[int, int, int]:
+    return *_counters(fields[:2]), _integer(fields[2], 0, (1 << 64) - 1)
 
 
 def _read_revision(fields: tuple[object, ...]) -> Revision:
-    return Revision(*_read_revision_fields(fields))
+    return Revision(*_revision_fields(fields))
 
 
 def _change_out(change: Change) -> list[object]:
-    header: list[object] | None = None
-    if change.header is not None:
-        header = [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]
-    submaps = [
-        [s.submap, _pose_out(s.anchor), map_header_fields(s.map_header) if s.map_header else None, s.payload]
-        for s in change.submaps
-    ]
-    return [header, submaps]
+    """Submaps by name, and the header if it changed; of most submaps only the payload does."""
+    submaps: dict[str, object] = {}
+    for s in change.submaps:
+        map_header = map_header_fields(s.map_header) if s.map_header else None
+        alone = s.anchor is None and map_header is None and s.payload is not None
+        submaps[s.submap] = s.payload if alone else [s.payload, _pose_out(s.anchor), map_header]
+    if change.header is None:
+        return [submaps]
+    return [submaps, [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]]
 
 
-def _read_change(fields: tuple[object, ...]) -> Change:
+def _read_change(fields: object) -> Change:
+    if not isinstance(fields, tuple) or len(fields) not in (1, 2) or not isinstance(fields[0], dict):
+        raise ValueError("expected a map of submaps, and a header if it changed")
     header = None
-    if fields[0] is not None:
-        level, start, forgets = _array(fields[0], 3)
+    if len(fields) == 2:
+        level, start, forgets = _array(fields[1], 3)
         pairs = [_array(pair, 2) for pair in _rows(forgets)]
         header = Header(
             _name(level), _read_pose(start), tuple((_name(r), _integer(e, 0, MAX_COUNTER)) for r, e in pairs)
         )
-    rows = [_array(row, 4) for row in _rows(fields[1])]
-    return Change(
-        header,
-        tuple(
-            SubmapChange(
-                _name(name),
-                _read_pose(anchor),
-                None if map_header is None else read_map_header(map_header),
-                None if payload is None else _bytes(payload, MAX_MESSAGE_BYTES),
-            )
-            for name, anchor, map_header, payload in rows
-        ),
+    return Change(header, tuple(_read_submap(_name(name), what) for name, what in fields[0].items()))
+
+
+def _read_submap(name: str, what: object) -> SubmapChange:
+    if isinstance(what, bytes):
+        return SubmapChange(name, None, None, _bytes(what, MAX_MESSAGE_BYTES))
+    payload, anchor, map_header = _array(what, 3)
+    return SubmapChange(
+        name,
+        _read_pose(anchor),
+        None if map_header is None else read_map_header(map_header),
+        None if payload is None else _bytes(payload, MAX_MESSAGE_BYTES),
     )
+
+
+def _unlike(pairs: list[tuple[object, object]]) -> dict[object, object]:
+    """A msgpack map, whose keys must differ."""
+    result = dict(pairs)
+    if len(result) < len(pairs):
+        raise ValueError("a map has a key twice")
+    return result
 
 
 def _pose_out(pose: FixedPose | None) -> list[int] | None:

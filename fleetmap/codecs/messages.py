@@ -19,6 +19,7 @@ MAX_CHUNKS = 64
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""
 MAX_COUNTER = (1 << 32) - 1
+CHECK_MASK = (1 << 32) - 1
 CLAIMED_EPOCHS = 1 << 31
 """Claims of others about a robot's epochs count below this: so it always has a higher one to go on with."""
 MAX_MM = MAX_UM // 1000
@@ -76,13 +77,24 @@ class Revision:
     seq: int
     digest: int
 
+    @property
+    def check(self) -> int:
+        """The lower half of the digest."""
+        return self.digest & CHECK_MASK
+
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One revision of an author's stream, as a change from the revision before it."""
+    """One revision of an author's stream, as a change from the revision before it.
+
+    ``check`` is the lower half of the revision's digest: records are most of the traffic, and a short one is half
+    envelope. One in 2^32 of the records that don't fit gets past it; then the heartbeats' hashes differ.
+    """
 
     KIND: ClassVar[int] = 1
-    revision: Revision
+    epoch: int
+    seq: int
+    check: int
     change: Change
 
 
@@ -95,6 +107,16 @@ class SnapshotChunk:
     index: int
     count: int
     data: bytes
+
+    @property
+    def epoch(self) -> int:
+        """The revision's."""
+        return self.revision.epoch
+
+    @property
+    def seq(self) -> int:
+        """The revision's."""
+        return self.revision.seq
 
 
 @dataclass(frozen=True, slots=True)

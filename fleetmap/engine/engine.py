@@ -241,7 +241,7 @@ class Engine:
             message = envelope.decode(payload, robot=peer)
             if epoch == LIST and isinstance(message, RevisionList):
                 self._on_list(peer, message, now_s)
-            elif epoch != LIST and isinstance(message, Record | SnapshotChunk) and message.revision.epoch == epoch:
+            elif epoch != LIST and isinstance(message, Record | SnapshotChunk) and message.epoch == epoch:
                 self._on_revision(author, message, payload, now_s)
             else:
                 raise WireError(robot=peer, size_bytes=len(payload), reason="not what was asked")
@@ -319,8 +319,8 @@ class Engine:
 
     def _on_revision(self, robot: str, message: Record | SnapshotChunk, raw: bytes, now_s: float) -> None:
         """A record or a part of a snapshot, by whatever way it came."""
-        key = (robot, message.revision.epoch)
-        if message.revision.seq == 0 or not self.holdings.keeps(key):
+        key = (robot, message.epoch)
+        if message.seq == 0 or not self.holdings.keeps(key):
             raise WireError(robot=robot, size_bytes=len(raw), reason="stream not kept")
         if key not in self.holdings.replicas:
             self.holdings.replicas[key] = Replica(Stream(*key))
@@ -339,7 +339,7 @@ class Engine:
                 self._catchup.settled(key)
         elif outcome is not Outcome.DUPLICATE and isinstance(message, Record):
             due_s = now_s if outcome is Outcome.REFUSED else now_s + GRACE_S
-            self._announced(key, message.revision.seq, robot, due_s)
+            self._announced(key, message.seq, robot, due_s)
         if outcome in (Outcome.DUPLICATE, Outcome.REFUSED):
             raise WireError(robot=robot, size_bytes=len(raw), reason=outcome.value)
 

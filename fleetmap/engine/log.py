@@ -77,4 +77,4 @@ def snapshot_messages(stream: Stream) -> list[bytes]:
 
 def record_message(old: Stream, new: Stream) -> bytes:
     """The record that leads from one revision to the next."""
-    return encode(Record(new.revision, change_between(old, new)))
+    return encode(Record(new.epoch, new.seq, new.revision.check, change_between(old, new)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from fleetmap.codecs.envelope import decode_change
-from fleetmap.codecs.messages import Record, Revision, SnapshotChunk
+from fleetmap.codecs.messages import CHECK_MASK, Record, Revision, SnapshotChunk
 from fleetmap.engine.log import RecordLog
 from fleetmap.engine.stream import Stream, advance
 from fleetmap.model.errors import WireError
@@ -48,9 +48,9 @@ class Replica:
 
         The caller compares ``stream`` before and after; a refused record changes nothing.
         """
-        seq = record.revision.seq
+        seq = record.seq
         if seq <= self.stream.seq:
-            self.suspect |= seq == self.stream.seq and record.revision.digest != self.stream.digest
+            self.suspect |= seq == self.stream.seq and record.check != self.stream.revision.check
             return Outcome.REFUSED if self.suspect else Outcome.DUPLICATE
         if seq > self.stream.seq + 1:
             if len(self._early) < MAX_EARLY:
@@ -80,8 +80,9 @@ class Replica:
             return Outcome.EARLY
         data = b"".join(self._chunks[i] for i in sorted(self._chunks))
         self._chunks_of, self._chunks = None, {}
-        robot, epoch = self.stream.robot, self.stream.epoch
-        self.stream = advance(Stream(robot, epoch), decode_change(data, robot=robot), chunk.revision)
+        robot, revision = self.stream.robot, chunk.revision
+        change = decode_change(data, robot=robot)
+        self.stream = advance(Stream(robot, revision.epoch), change, seq=revision.seq, digest=revision.digest)
         self.log.clear()
         self.suspect = False
         self._apply_early()
@@ -89,7 +90,7 @@ class Replica:
 
     def _apply(self, record: Record, raw: bytes) -> None:
         base = self.stream.revision
-        self.stream = advance(self.stream, record.change, record.revision)
+        self.stream = advance(self.stream, record.change, seq=record.seq, digest=record.check, mask=CHECK_MASK)
         self.log.append(base, raw)
         self.suspect = False
 

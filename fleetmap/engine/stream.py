@@ -77,12 +77,12 @@ def change_between(old: Stream, new: Stream) -> Change:
     return Change(header, tuple(submaps))
 
 
-def advance(stream: Stream, change: Change, revision: Revision) -> Stream:
-    """The stream at ``revision``, by the change that leads there.
+def advance(stream: Stream, change: Change, *, seq: int, digest: int, mask: int = -1) -> Stream:
+    """The stream at ``seq``, by the change that leads there.
 
     Raises
     ------
-    WireError : the change doesn't fit this stream, or the result hasn't the revision's digest
+    WireError : the change doesn't fit this stream, or the result hasn't that digest, in the bits of ``mask``
     """
 
     def refuse(reason: str) -> WireError:
@@ -112,9 +112,9 @@ def advance(stream: Stream, change: Change, revision: Revision) -> Stream:
         submaps[part.submap] = Submap(vector_map, anchor)
     if len(submaps) > MAX_SUBMAPS:
         raise refuse(f"more than {MAX_SUBMAPS} submaps")
-    result = Stream(stream.robot, stream.epoch, revision.seq, change.header or stream.header, submaps)
-    if result.digest != revision.digest:
-        raise refuse(f"the result has digest {result.digest:016x}, not {revision.digest:016x}")
+    result = Stream(stream.robot, stream.epoch, seq, change.header or stream.header, submaps)
+    if (result.digest ^ digest) & mask:
+        raise refuse(f"the result has digest {result.digest:x}, not {digest:x}")
     return result
 
 
