@@ -49,9 +49,11 @@ async def test_it_counts_what_robots_send_and_what_grids_would_have_cost(endpoin
         )
         async with asyncio.timeout(30 * timeout_factor), robot.stepped:
             await robot.stepped.wait_for(lambda: any(p.alive for p in robot.peers))
-        for size in range(101, 110):
-            await robot.publish(room(size))
+        for step in range(30 if ends == "by Ctrl-C" else 200):
+            await robot.publish(room(101 + step))
             await asyncio.sleep(0.2)
+            if watcher.returncode is not None:
+                break
         if ends == "by Ctrl-C":
             watcher.send_signal(signal.SIGINT)
         out, err = await asyncio.wait_for(watcher.communicate(), 30 * timeout_factor)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 import time
 from dataclasses import dataclass, field
@@ -19,8 +20,8 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Peer, join
 
-LOOK_S = 0.5
-"""How often the maps that are held are looked at."""
+SHOW_S = 0.5
+"""How often the table is drawn anew."""
 
 
 @dataclass(slots=True)
@@ -83,10 +84,15 @@ async def watch_fleet(
                 while for_s is None or document.get("time_s", 0.0) < for_s:
                     for robot, maps in peer.maps.items():
                         await asyncio.to_thread(grids.setdefault(robot, Grids()).look, maps)
-                    document = summarize(fleet, peer, grids, time.monotonic() - started_s)
-                    if isinstance(shown, Live):
-                        shown.update(as_table(document), refresh=True)
-                    await asyncio.sleep(LOOK_S)
+                    time_s = time.monotonic() - started_s
+                    if time_s - document.get("time_s", -SHOW_S) >= SHOW_S:
+                        document = summarize(fleet, peer, grids, time_s)
+                        if isinstance(shown, Live):
+                            shown.update(as_table(document), refresh=True)
+                    # At each step of the engine: of maps that follow each other faster than they are drawn, the last.
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(SHOW_S), peer.stepped:
+                            await peer.stepped.wait()
             except asyncio.CancelledError:
                 pass  # Ctrl-C: what was seen is what is wanted
         return summarize(fleet, peer, grids, time.monotonic() - started_s)
