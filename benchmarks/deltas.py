@@ -1,8 +1,11 @@
 """What do updates cost while a map grows? Deltas of vector maps beside gzipped grids and differences of grids.
 
 Groups, never mixed in one median: the paper's terrains of 40 m and real maps, along whose free space a disc of 10 m
-moves by 1.5 m a step and uncovers what is in sight (100 steps); and generated worlds of 40 m that a robot explores, its
-ranges off by 2 cm and its poses by 1 cm (one sigma; 100 publishes). For each step:
+moves by 1.5 m a step and uncovers what is in sight (100 steps); generated worlds of 40 m that a robot explores, its
+ranges off by 2 cm and its poses by 1 cm (one sigma; 100 publishes); and logs of real lasers, mapped scan by scan with
+the simulation's mapper and published by its rule, 1.5 m or 5 s on the way, up to their end. The logs' poses are taken
+as they stand: in those with raw odometry they drift, walls smear and are drawn anew beside the old ones. Where a log
+counts scans for stamps, a scan is a second. For each step:
 
 - delta: the record as it is published, payload and envelope; bytes: median, 99th percentile, largest
 - full: gzip -6 of the whole grid, as nav_msgs/OccupancyGrid
@@ -13,7 +16,7 @@ ranges off by 2 cm and its poses by 1 cm (one sigma; 100 publishes). For each st
 and the ratios of their sums to that of the deltas. Grids are lossless and vector maps lie within epsilon = sqrt(2)
 cells: no ratio without that. After each step the delta is decoded and applied, and must give the same bytes.
 
-    python benchmarks/deltas.py [--maps MAP.yaml...] [--json]
+    python benchmarks/deltas.py [--maps MAP.yaml...] [--logs LOG...] [--only GROUP...] [--json]
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from carmen import replay
 from scipy import ndimage
 
 from fleetmap.accounting import Ledger
@@ -54,6 +58,14 @@ WALL_CELLS = 2
 """Of what is not free so many cells are uncovered beside what is in sight."""
 
 LONGEST_S = 4000.0
+
+GROUPS = {
+    "terrains": "terrains, uncovered",
+    "worlds": "worlds, explored with noise",
+    "maps": "real maps, uncovered",
+    "logs": "laser logs, mapped step by step",
+}
+"""By the names that ``--only`` takes."""
 
 
 def uncover(grid: OccupancyGrid, steps: int) -> Iterator[OccupancyGrid]:
@@ -135,23 +147,31 @@ def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
 def runs(options: argparse.Namespace) -> Iterator[tuple[str, str, Iterator[OccupancyGrid]]]:
     """Group, name and grids of each run."""
     steps, terrain_m, world_m = (3, 10, 10.0) if options.tiny else (100, 40, 40.0)
-    for terrain in choose_terrains((terrain_m,)):
-        yield "terrains, uncovered", terrain.name, uncover(survey_terrain(terrain).grid, steps)
-    for kind in ("maze", "office", "unstructured"):
-        yield "worlds, explored with noise", f"{kind} {world_m:.0f} m", explore(kind, world_m, steps)
-    paths = options.maps
-    if not paths and not options.tiny and (folder := os.environ.get("FLEETMAP_DATA")):
-        paths = sorted(Path(folder).glob("maps/*/map.yaml"))
-    for path in paths:
+    maps, logs = options.maps, options.logs
+    if not options.tiny and (folder := os.environ.get("FLEETMAP_DATA")):
+        maps = maps or sorted(Path(folder).glob("maps/*/map.yaml"))
+        logs = logs or sorted(Path(folder).glob("logs/*.log.gz"))
+    if "terrains" in options.only:
+        for terrain in choose_terrains((terrain_m,)):
+            yield GROUPS["terrains"], terrain.name, uncover(survey_terrain(terrain).grid, steps)
+    if "worlds" in options.only:
+        for kind in ("maze", "office", "unstructured"):
+            yield GROUPS["worlds"], f"{kind} {world_m:.0f} m", explore(kind, world_m, steps)
+    for path in maps if "maps" in options.only else ():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", MapWarning)
-            yield "real maps, uncovered", path.parent.name, uncover(load_map(path), steps)
+            yield GROUPS["maps"], path.parent.name, uncover(load_map(path), steps)
+    for path in logs if "logs" in options.only else ():
+        name = path.name.removesuffix(".gz").removesuffix(".log")
+        yield GROUPS["logs"], name, replay(path, steps=steps if options.tiny else None)
 
 
 def main() -> None:
     """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--maps", nargs="*", type=Path, default=[], help="map_server maps instead of FLEETMAP_DATA's")
+    parser.add_argument("--logs", nargs="*", type=Path, default=[], help="CARMEN logs instead of FLEETMAP_DATA's")
+    parser.add_argument("--only", nargs="+", choices=GROUPS, default=list(GROUPS), help="run only these groups")
     parser.add_argument("--json", action="store_true", help="one document instead of lines")
     parser.add_argument("--tiny", action="store_true", help="terrains of 10 m, three steps: for the tests")
     options = parser.parse_args()
@@ -162,10 +182,12 @@ def main() -> None:
         if not options.json:
             ratios = ", ".join(f"{key} {ratio:.1f} x" for key, ratio in row["ratios"].items())
             print(
-                f"{group}: {name:22s}{row['steps']:4d} steps{row['edges']:7d} edges{row['bytes']:8d} B, "
+                f"{group}: {name:25s}{row['steps']:4d} steps{row['edges']:7d} edges{row['bytes']:8d} B, "
                 f"a step {row['median']:.0f} B, p99 {row['p99']:.0f}, most {row['largest']}; {ratios}",
                 flush=True,
             )
+    if not groups:
+        parser.error("no maps, no logs: name some with --maps or --logs, or set FLEETMAP_DATA")
     medians = {
         group: {
             **{key: float(np.median([row[key] for row in rows])) for key in ("median", "p99")},
