@@ -40,6 +40,9 @@ from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import MAX_UM, Q30, FixedPose
 
 VERSION = 1
+LONE = "0"
+"""The submap of robots that have one; its payload may stand without its name."""
+
 T = TypeVar("T")
 
 
@@ -60,7 +63,7 @@ def encode(message: Message) -> bytes:
             fields = [epoch, x_mm, y_mm, yaw_mrad]
         case GoalMessage(epoch, goal_mm):
             fields = [epoch, list(goal_mm) if goal_mm else None]
-    packed: bytes = msgpack.packb([VERSION, message.KIND, *fields])
+    packed: bytes = msgpack.packb([VERSION << 4 | message.KIND, *fields])
     return packed
 
 
@@ -133,12 +136,12 @@ def _unpack(data: bytes) -> object:
 
 
 def _read_message(fields: object) -> Message:
-    if not isinstance(fields, tuple) or len(fields) < 2:
+    if not isinstance(fields, tuple) or not fields or type(fields[0]) is not int:
         raise ValueError("expected an array that starts with version and kind")
-    version, kind, *rest = fields
+    version, kind = fields[0] >> 4, fields[0] & 15
     if version != VERSION:
-        raise ValueError(f"version {version!r}; this one reads {VERSION}")
-    body = tuple(rest)
+        raise ValueError(f"version {version}; this one reads {VERSION}")
+    body = fields[1:]
     match kind:
         case Record.KIND:
             return Record(
@@ -173,7 +176,7 @@ def _read_message(fields: object) -> Message:
                 x_mm, y_mm = _array(a[1], 2)
                 goal = (_integer(x_mm, -MAX_MM, MAX_MM), _integer(y_mm, -MAX_MM, MAX_MM))
             return GoalMessage(_integer(a[0], 0, MAX_COUNTER), goal)
-    raise ValueError(f"unknown kind {kind!r}")
+    raise ValueError(f"unknown kind {kind}")
 
 
 def _revision_out(revision: Revision) -> list[int]:
@@ -194,20 +197,22 @@ def _read_revision(fields: tuple[object, ...]) -> Revision:
 
 
 def _change_out(change: Change) -> list[object]:
-    """Submaps by name, and the header if it changed; of most submaps only the payload does."""
+    """Submaps by name, and the header if it changed; mostly only the payload of the one submap of its robot does."""
     submaps: dict[str, object] = {}
     for s in change.submaps:
         map_header = map_header_fields(s.map_header) if s.map_header else None
         alone = s.anchor is None and map_header is None and s.payload is not None
         submaps[s.submap] = s.payload if alone else [s.payload, _pose_out(s.anchor), map_header]
+    changed = submaps[LONE] if submaps.keys() == {LONE} and isinstance(submaps[LONE], bytes) else submaps
     if change.header is None:
-        return [submaps]
-    return [submaps, [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]]
+        return [changed]
+    return [changed, [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]]
 
 
 def _read_change(fields: object) -> Change:
-    if not isinstance(fields, tuple) or len(fields) not in (1, 2) or not isinstance(fields[0], dict):
+    if not isinstance(fields, tuple) or len(fields) not in (1, 2) or not isinstance(fields[0], bytes | dict):
         raise ValueError("expected a map of submaps, and a header if it changed")
+    submaps = fields[0] if isinstance(fields[0], dict) else {LONE: fields[0]}
     header = None
     if len(fields) == 2:
         level, start, forgets = _array(fields[1], 3)
@@ -215,7 +220,7 @@ def _read_change(fields: object) -> Change:
         header = Header(
             _name(level), _read_pose(start), tuple((_name(r), _integer(e, 0, MAX_COUNTER)) for r, e in pairs)
         )
-    return Change(header, tuple(_read_submap(_name(name), what) for name, what in fields[0].items()))
+    return Change(header, tuple(_read_submap(_name(name), what) for name, what in submaps.items()))
 
 
 def _read_submap(name: str, what: object) -> SubmapChange:

@@ -26,6 +26,9 @@ from fleetmap.model.vectormap import VectorMap
 SALT_AUTHOR, SALT_REVOKED = 16, 17
 EPSILON_PER_CELL = 10**9
 MAX_SUBMAPS = 1024
+MOST_OF_SNAPSHOT = 0.6
+"""A delta that takes a larger share of a snapshot's bytes goes as one: it asks nothing of the receiver's base."""
+
 _MASK = (1 << 64) - 1
 
 
@@ -119,20 +122,21 @@ def advance(stream: Stream, change: Change, *, seq: int, digest: int, mask: int 
 
 
 def _encode_map(old: VectorMap | None, new: VectorMap) -> tuple[MapHeader | None, bytes | None]:
-    """A delta from the old map, or from the empty one if that is shorter or the maps can't be compared."""
+    """A delta from the old map; or a snapshot, if most of that is new or the maps can't be compared."""
     header = MapHeader(new.lattice, new.epsilon_cells, new.profile)
     if old is not None and header == MapHeader(old.lattice, old.epsilon_cells, old.profile):
         delta = diff(old, new)
         if len(delta) == 0:
             return None, None
         payload = protocol.encode(delta, old)
-        if len(delta.removed) + len(delta.added) < len(new):
+        # An edge of a delta takes as much as one of a snapshot, or more.
+        if len(delta.removed) + len(delta.added) < MOST_OF_SNAPSHOT * len(new) / 2:
             return None, payload
     else:
         payload = None
     empty = VectorMap.empty(new.lattice, epsilon_cells=header.epsilon_cells, profile=header.profile)
     whole = protocol.encode(diff(empty, new), empty)
-    return (None, payload) if payload is not None and len(payload) <= len(whole) else (header, whole)
+    return (None, payload) if payload is not None and len(payload) <= MOST_OF_SNAPSHOT * len(whole) else (header, whole)
 
 
 def _digest(stream: Stream) -> int:
