@@ -1,8 +1,9 @@
 """Do any bytes hurt a receiver? Random, mutated, cut and spliced payloads of all modes and of the exact layer.
 
-Seeds are payloads of generated maps: snapshots, deltas and grids. Whatever comes of them must be refused with a
-``WireError``, or be a delta that applies (or is told not to fit), or states, within half a second. The most memory that
-the process took is printed. With --atheris, if it is installed, coverage leads the way.
+First each bit of the golden files is flipped. Then payloads of generated maps (snapshots, deltas and grids) and the
+golden ones are spoilt in other ways. Whatever comes of them must be refused with a ``WireError``, or be a delta that
+applies (or is told not to fit), or states, within half a second. The most memory that the process took is printed. With
+--atheris, if it is installed, coverage leads the way.
 
     python benchmarks/fuzz_codec.py --cases 200000 [--seed 1]
 """
@@ -14,6 +15,7 @@ import resource
 import sys
 import time
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
@@ -22,8 +24,12 @@ from fleetmap.codecs.context_grid import decode_states, encode_states
 from fleetmap.model.delta import apply, diff
 from fleetmap.model.errors import WireError
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import Lattice
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.vectorize import Vectorizer
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from golden import read_golden
 
 MOST_S = 0.5
 """No payload here has more than 4 kB; on a slow and busy machine that takes far less than this."""
@@ -55,6 +61,18 @@ def make_seeds(rng: np.random.Generator, maps: int) -> list[Seed]:
             seeds.append(("exact", encode_states(states), base))
             base = vector_map
     return seeds
+
+
+def golden_seeds() -> list[Seed]:
+    """The payloads in tests/data/v1, with their bases."""
+    seeds: list[Seed] = []
+    for mode in protocol.CODECS:
+        for run in read_golden(f"mode{mode}"):
+            base = VectorMap.empty(Lattice(50_000))
+            for payload, _ in run:
+                seeds.append((f"mode {mode}", payload, base))
+                base = apply(base, protocol.decode(payload, base, robot="golden"))
+    return [*seeds, ("exact", read_golden("exact")[0][0][0], base)]
 
 
 def mutate(rng: np.random.Generator, seed: bytes, other: bytes) -> bytes:
@@ -107,7 +125,8 @@ def main() -> int:
     parser.add_argument("--tiny", action="store_true", help="a thousand cases: for the tests")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    seeds = make_seeds(rng, 2 if options.tiny else 12)
+    golden = golden_seeds()
+    seeds = make_seeds(rng, 2 if options.tiny else 12) + golden
     for kind, data, base in seeds:  # loads the kernels, too
         assert try_one(kind, data, base) == "applied"
     if options.atheris:
@@ -115,25 +134,34 @@ def main() -> int:
     outcomes: dict[str, Counter[str]] = {}
     slowest = (0.0, "", b"")
     failures = 0
-    cases = 1000 if options.tiny else options.cases
-    for case in range(cases):
-        kind, seed, base = seeds[int(rng.integers(len(seeds)))]
-        data = mutate(rng, seed, seeds[int(rng.integers(len(seeds)))][1])
+
+    def take(way: str, kind: str, data: bytes, base: VectorMap) -> None:
+        nonlocal slowest, failures
         started = time.process_time()
         try:
             outcome = try_one(kind, data, base)
         except Exception as error:
             failures += 1
             outcome = type(error).__name__
-            print(f"case {case}, {kind}: {error!r}: {data.hex()}", flush=True)
+            print(f"{way} {kind}: {error!r}: {data.hex()}", flush=True)
         slowest = max(slowest, (time.process_time() - started, kind, data))
-        outcomes.setdefault(kind, Counter())[outcome] += 1
+        outcomes.setdefault(f"{way}, {kind}", Counter())[outcome] += 1
+
+    for kind, data, base in golden:
+        for bit in range(0, 8 * len(data), 97 if options.tiny else 1):
+            flipped = bytearray(data)
+            flipped[bit // 8] ^= 1 << bit % 8
+            take("a bit flipped", kind, bytes(flipped), base)
+    cases = 1000 if options.tiny else options.cases
+    for case in range(cases):
+        kind, seed, base = seeds[int(rng.integers(len(seeds)))]
+        take("mutated", kind, mutate(rng, seed, seeds[int(rng.integers(len(seeds)))][1]), base)
         if case % 5000 == 0 and sys.stderr.isatty():
             print(f"\r{case} of {cases}, {failures} failures", end="", file=sys.stderr)
     for kind, counts in sorted(outcomes.items()):
         total = sum(counts.values())
         shares = ", ".join(f"{name} {100 * count / total:.1f} %" for name, count in sorted(counts.items()))
-        print(f"{kind:8s}{total:8d} payloads: {shares}")
+        print(f"{kind:22s}{total:8d} payloads: {shares}")
     megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"{failures} failures; the slowest took {slowest[0] * 1e3:.0f} ms ({slowest[1]}); at most {megabytes:.0f} MB")
     return int(failures > 0 or slowest[0] > MOST_S)

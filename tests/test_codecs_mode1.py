@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from golden import grid, rooms, with_thickness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetmap.codecs import mode1, protocol
-from fleetmap.codecs.mode1_layout import CONTEXTS, REMOVED, ROOTS, WINDOWS
-from fleetmap.codecs.mode1_start import START
+from fleetmap.codecs import mode1, mode1_layout, protocol
+from fleetmap.codecs.mode1_layout import CONTEXTS, FIRST_BAND, LOWER, REMOVED, ROOTS, WINDOWS
+from fleetmap.codecs.mode1_start import DELTA, SNAPSHOT
 from fleetmap.codecs.range_coder import Reader, Writer
 from fleetmap.model.delta import apply, diff
 from fleetmap.model.errors import ConfigError, WireError
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.vectormap import VectorMap
+from fleetmap.vectorize import vectorize
 
 TABLE = bytes([2, 60, 128, 253])
 EMPTY = VectorMap.empty(Lattice(50_000))
@@ -25,17 +29,22 @@ DECISIONS = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 1)), max_size=3
 
 
 def write(decisions: list[tuple[int, int]]) -> bytes:
-    writer = Writer(TABLE)
+    writer = Writer(TABLE, bytes(4))
     for context, value in decisions:
         assert (writer.bit(context, value) if context < 4 else writer.even(value)) == value
     return writer.finish()
 
 
 def read(data: bytes, contexts: list[int]) -> list[int]:
-    reader = Reader(TABLE, data)
+    reader = Reader(TABLE, bytes(4), data)
     values = [reader.bit(context, 0) if context < 4 else reader.even(0) for context in contexts]
     reader.finish()
     return values
+
+
+def read_map(payload: bytes) -> VectorMap:
+    """The map of a snapshot."""
+    return apply(EMPTY, protocol.decode(payload, EMPTY, robot="r"))
 
 
 def squares(count: int) -> VectorMap:
@@ -88,11 +97,19 @@ def test_short_bytes_have_one_form() -> None:
     assert accepted == {data for data in written if len(data) < 3}
 
 
-def test_the_start_table_is_the_one_of_the_format() -> None:
-    assert len(START) == CONTEXTS
-    assert min(START) >= 2
-    assert max(START) <= 253
-    assert hashlib.sha256(START).hexdigest() == "49f781ba5d645f25d948f38ba870de8d3b36c379cb6e96ddbc6129efe8a998bb"
+def test_the_start_tables_are_those_of_the_format() -> None:
+    tables = [*DELTA, *SNAPSHOT]
+    assert {len(table) for table in tables} == {CONTEXTS}
+    assert (
+        hashlib.sha256(b"".join(tables)).hexdigest()
+        == "314f0db2798cc54a549f2488cdfa244e22d4ff798333ae56b1abd1d745d43565"
+    )
+
+
+def test_the_page_names_the_contexts_that_the_kernels_use() -> None:
+    page = (Path(__file__).parent.parent / "docs" / "format.md").read_text()
+    named = {name: int(number) for number, name in re.findall(r"(\d+) \| ([A-Z_]{3,})", page)}
+    assert {name: getattr(mode1_layout, name) for name in mode1_layout._SIZES} == named
 
 
 @settings(max_examples=300)
@@ -135,37 +152,80 @@ def test_unknown_flags_are_refused(flags: int) -> None:
 
 
 def write_number(writer: Writer, context: int, value: int) -> None:
-    """n[c] of the format page, for numbers whose lower bits are all 0 but the last two."""
-    length = value.bit_length()
+    """N[c] of the format page."""
+    length = (value + 1).bit_length() - 1
     for i in range(length + 1):
-        writer.bit(context + min(i, 11), int(i < length))
-    if length > 1:
-        writer.bit(context + 12 + min(length - 2, 11), value >> (length - 2) & 1)
-        for i in range(length - 3, -1, -1):
-            writer.even(value >> i & 1)
+        writer.bit(context + min(i, 12), int(i < length))
+    for k in range(length):
+        bit = (value + 1) >> (length - 1 - k) & 1
+        if length > 13:
+            writer.even(bit)
+        else:
+            so_far = (value + 1) >> (length - k)
+            writer.bit(LOWER + 39 * length + 3 * (so_far - 1 if k < 3 else min(4 + k, 12)), bit)
 
 
-@pytest.mark.parametrize("count", [300, 4096, 2**20, 2**34 - 1])
+@pytest.mark.parametrize("count", [300, 4096, 2**20, 2**34 - 2])
 @pytest.mark.parametrize("context", [WINDOWS, ROOTS, REMOVED])
 def test_a_payload_holds_no_more_than_its_size_allows(count: int, context: int) -> None:
     """Counts that a few bytes can name, and that would take long to read or much memory."""
     base = squares(40)
-    writer = Writer(START)
+    writer = Writer(*DELTA)
     if context != WINDOWS:
         write_number(writer, WINDOWS, int(context == REMOVED))
     if context == REMOVED:
-        for before in range(WINDOWS + 24, REMOVED, 24):
+        for before in range(FIRST_BAND, REMOVED, 13):
             write_number(writer, before, 0)
     write_number(writer, context, count)
-    with pytest.raises(WireError, match=r"may hold|34 bits"):
+    with pytest.raises(WireError, match="may hold"):
         protocol.decode(b"\x01" + writer.finish(), base, robot="r")
 
 
-def test_large_deltas_go_in_mode_0() -> None:
-    assert protocol.encode(diff(EMPTY, squares(2)), EMPTY)[0] & 0x0F == 1
-    with pytest.raises(ConfigError, match="mode 0"):
-        protocol.encode(diff(EMPTY, squares(600)), EMPTY, mode=1)
-    assert protocol.encode(diff(EMPTY, squares(600)), EMPTY)[0] & 0x0F == 0
+def test_a_number_has_no_more_than_34_bits() -> None:
+    writer = Writer(*SNAPSHOT)
+    write_number(writer, WINDOWS, 2**35 - 1)
+    with pytest.raises(WireError, match="34 bits"):
+        protocol.decode(b"\x01" + writer.finish(), EMPTY, robot="r")
+
+
+@pytest.mark.parametrize("count", [300, 40_000])
+def test_equal_squares_go_in_mode_0(count: int) -> None:
+    """Each costs next to nothing, and a payload of mode 1 holds no more than 16 edges a byte, and 2^17."""
+    corners = np.array([[0, 0, 0, 2, 2], [0, 0, 2, 0, 6], [0, 2, 2, 2, 2], [2, 0, 2, 2, 6]])
+    rows = (corners + np.arange(count)[:, None, None] * np.array([4, 0, 4, 0, 0])).reshape(-1, 5).astype(np.int32)
+    vector_map = VectorMap(EMPTY.lattice, rows, np.zeros(len(rows), np.uint8))
+    payload = protocol.encode_snapshot(vector_map)
+    assert payload[0] & 0x0F == 0
+    assert read_map(payload).digest == vector_map.digest
+    with pytest.raises(ConfigError, match="is for mode 0"):
+        protocol.encode_snapshot(vector_map, mode=1)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10**6), st.sampled_from(["share", "full"]), st.booleans())
+def test_whole_maps_come_back_and_take_less_than_in_mode_0(seed: int, profile: str, thick: bool) -> None:
+    vector_map = vectorize(grid(rooms(seed)), profile=profile)
+    vector_map = with_thickness(vector_map, seed) if thick else vector_map
+    payload = protocol.encode_snapshot(vector_map)
+    assert payload[0] & 0x0F == 1
+    assert read_map(payload).digest == vector_map.digest
+    assert len(payload) < 0.85 * len(protocol.encode_snapshot(vector_map, mode=0))
+
+
+def test_each_flipped_bit_is_refused_or_gives_another_map() -> None:
+    vector_map = vectorize(grid(rooms(3)))
+    payload = protocol.encode_snapshot(vector_map)
+    refused = 0
+    for bit in range(8, 8 * len(payload)):
+        damaged = bytearray(payload)
+        damaged[bit // 8] ^= 1 << bit % 8
+        try:
+            other = read_map(bytes(damaged))
+        except (WireError, ValueError):
+            refused += 1
+            continue
+        assert other.digest != vector_map.digest
+    assert refused > 0
 
 
 def test_bands_with_too_many_edges_are_for_mode_0(monkeypatch: pytest.MonkeyPatch) -> None:

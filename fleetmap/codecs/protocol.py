@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Protocol
 
-from fleetmap.codecs import mode0, mode1, mode2
+from fleetmap.codecs import mode0, mode1
 from fleetmap.codecs.fields import DeltaFields, to_delta, to_fields
 from fleetmap.model.delta import MapDelta, diff
 from fleetmap.model.errors import ConfigError, WireError
@@ -29,13 +28,13 @@ class PayloadCodec(Protocol):
         ...
 
 
-CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0, mode1.MODE: mode1, mode2.MODE: mode2}
+CODECS: dict[int, PayloadCodec] = {mode0.MODE: mode0, mode1.MODE: mode1}
 
 
 def encode(delta: MapDelta, base: VectorMap, *, mode: int | None = None) -> bytes:
-    """A delta against ``base`` as a payload, in the mode that takes fewer bytes unless one is named.
+    """A delta against ``base`` as a payload; a snapshot is a delta against the empty map.
 
-    A snapshot is a delta against the empty map.
+    Unless a mode is named, that is mode 1, which takes fewer bytes, and mode 0 for what is too large for it.
 
     Raises
     ------
@@ -44,11 +43,10 @@ def encode(delta: MapDelta, base: VectorMap, *, mode: int | None = None) -> byte
     fields = to_fields(delta, base)
     if mode is not None:
         return CODECS[mode].encode(fields, base)
-    payloads = [mode0.encode(fields, base)]
-    for codec in (mode1, mode2):
-        with contextlib.suppress(ConfigError):  # each says so if it isn't for such a delta
-            payloads.append(codec.encode(fields, base))
-    return min(payloads, key=len)
+    try:
+        return mode1.encode(fields, base)
+    except ConfigError:
+        return mode0.encode(fields, base)
 
 
 def encode_snapshot(vector_map: VectorMap, *, mode: int | None = None) -> bytes:

@@ -18,7 +18,7 @@ REASONS = (
     "no range coder writes these first bytes",
     "bytes are left over",
     "the range coder's bytes are damaged, or not the shortest",
-    "a number is longer than 34 bits, or 24 in mode 2",
+    "a number is longer than 34 bits",
     "more numbers than a payload of this size may hold",
     "a coordinate is farther than 1048576 cells from the lattice's origin",
     "a walk ends at a target that is not there",
@@ -29,9 +29,15 @@ REASONS = (
 """In words what went wrong, by its number in ``range_kernels``."""
 
 
-def start_probabilities(table: bytes) -> NDArray[np.int64]:
-    """One byte a context -> the probability that its first decision is 0, out of 2^12."""
-    return np.frombuffer(table, np.uint8).astype(np.int64) * 16 + 8
+def start_memory(start: bytes, seen: bytes) -> NDArray[np.int64]:
+    """What contexts know at first: of each the chance of a 1, out of 256, and how often it counts as seen."""
+    chance = np.frombuffer(start, np.uint8).astype(np.int64) * 256 + 128
+    return np.frombuffer(seen, np.uint8).astype(np.int64) << 32 | chance << 16 | chance
+
+
+def count_memory(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The zeros and the ones that kernels have counted, by context."""
+    return counts & 0xFFFFFFFF, counts >> 32
 
 
 class Writer:
@@ -39,21 +45,21 @@ class Writer:
 
     Parameters
     ----------
-    table : start probabilities, one byte a context
+    start, seen : of each context the chance of a 1 at first, out of 256, and how often it counts as seen
     """
 
-    def __init__(self, table: bytes) -> None:
+    def __init__(self, start: bytes, seen: bytes) -> None:
         from fleetmap.codecs import range_kernels as k
 
-        self._probabilities = start_probabilities(table)
+        self._memory = start_memory(start, seen)
         self._data = np.empty(MAX_BYTES, np.uint8)
         self._coder = np.array([k.WRITE, 0, 0, 0, 0, 0, 0, 0])
         self._kernels = k
         k.begin(self._coder, self._data)
 
     def bit(self, context: int, value: int) -> int:
-        """Write one decision, whose probability is learned in ``context``."""
-        return int(self._kernels.bit(self._coder, self._probabilities, self._data, context, value))
+        """Write one decision, whose chance is learned in ``context``."""
+        return int(self._kernels.told(self._coder, self._memory, self._data, context, value))
 
     def even(self, value: int) -> int:
         """Write one decision that is as likely as not."""
@@ -73,10 +79,10 @@ class Reader:
     Its first bytes may be wrong (``ValueError``).
     """
 
-    def __init__(self, table: bytes, data: bytes) -> None:
+    def __init__(self, start: bytes, seen: bytes, data: bytes) -> None:
         from fleetmap.codecs import range_kernels as k
 
-        self._probabilities = start_probabilities(table)
+        self._memory = start_memory(start, seen)
         self._data = np.frombuffer(bytearray(data), np.uint8)
         self._coder = np.array([k.READ, 0, 0, 0, 0, 0, 0, 0])
         self._kernels = k
@@ -85,7 +91,7 @@ class Reader:
 
     def bit(self, context: int, value: int) -> int:
         """Read one decision; ``value`` is ignored."""
-        return int(self._kernels.bit(self._coder, self._probabilities, self._data, context, value))
+        return int(self._kernels.told(self._coder, self._memory, self._data, context, value))
 
     def even(self, value: int) -> int:
         """Read one decision that is as likely as not."""

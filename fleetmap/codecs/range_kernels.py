@@ -1,8 +1,9 @@
-"""Numba kernels of the range coder: decisions with learned probabilities, and whole numbers made of them.
+"""Numba kernels of the range coder: decisions whose chances are learned, and whole numbers made of them.
 
 One procedure describes what is written *and* read: each function takes a value, and returns the value that it wrote,
-or what it read instead. ``coder`` is (8,) int64, its fields below; ``data`` holds the bytes, and ``probabilities``
-the chance, out of 2^12, that a context's next decision is 0. Whole numbers below 2^45 only: the same bytes everywhere.
+or what it read instead. ``coder`` is (8,) int64, its fields below; ``data`` holds the bytes. ``memory`` holds for each
+context two chances of a 1, out of 2^16, one that moves fast and one that moves slowly, and how often they were used:
+fast + 2^16 slow + 2^32 seen. Whole numbers below 2^48 only: the same bytes everywhere.
 """
 
 from __future__ import annotations
@@ -11,25 +12,29 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fleetmap.codecs.mode1_layout import WIDTH
+from fleetmap.codecs.contexts import LENGTHS, TREE, UNARY
 
 MODE, LOW, RANGE, AT, STATUS, ITEMS, MOST_ITEMS, MOST_EDGES = range(8)
 """READ, WRITE or COUNT; the interval's start (of the code in it, when reading) and width; bytes written or read; what
 went wrong first; what was coded so far, and how much may be."""
 
 READ, WRITE, COUNT = 0, 1, 2
-"""COUNT writes nothing: it adds up each context's decisions in ``probabilities[2 * context + decision]``."""
+"""COUNT writes nothing: it adds up each context's decisions in ``memory``, zeros + 2^32 ones."""
 
 GOOD, FULL, FIRST, LEFT_OVER, NOT_SHORTEST, LONG, TOO_MANY, FAR, NO_TARGET, THICK, NOT_THERE, TWICE = range(12)
 """What went wrong (``mode1.REASONS``)."""
 
-PROBABILITY_BITS = 12
-RATE = 5
-"""A probability moves 1 / 2^RATE of its way to what has happened."""
+FAST, SLOW = 65536 // 16, 65536 // 128
+"""The least steps of both chances towards what has happened, out of 2^16."""
 
-LENGTHS = 12
+MOST_SEEN = 127
+"""From here on neither step grows shorter."""
+
+STEPS = np.array([[max(327680 // (5 * n + 8), least) for least in (FAST, SLOW)] for n in range(MOST_SEEN + 1)])
+"""By how often a context was used: 1 / (n + 1.6), in 65536ths, but no less than those."""
+
 MAX_LENGTH = 34
-"""Longest number, in bits."""
+"""Longest number, in bits less one."""
 
 TOP = 1 << 24
 WHOLE = (1 << 32) - 1
@@ -81,48 +86,6 @@ def renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
             coder[LOW] = coder[LOW] << 8 & WHOLE
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
-def bit(
-    coder: NDArray[np.int64], probabilities: NDArray[np.int64], data: NDArray[np.uint8], context: int, value: int
-) -> int:
-    """One decision, whose probability is learned in ``context``."""
-    if coder[MODE] == COUNT:
-        probabilities[2 * context + value] += 1
-        return value
-    zero = probabilities[context]
-    bound = (coder[RANGE] >> PROBABILITY_BITS) * zero
-    if coder[MODE] == READ:
-        value = 1 if coder[LOW] >= bound else 0
-    if value:
-        coder[LOW] += -bound if coder[MODE] == READ else bound
-        coder[RANGE] -= bound
-        probabilities[context] = zero - (zero >> RATE)
-    else:
-        coder[RANGE] = bound
-        probabilities[context] = zero + (((1 << PROBABILITY_BITS) - zero) >> RATE)
-    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
-        renew(coder, data)
-    return value
-
-
-@njit("i8(i8[::1], u1[::1], i8)", cache=True, nogil=True)
-def even(coder: NDArray[np.int64], data: NDArray[np.uint8], value: int) -> int:
-    """One decision that is as likely as not."""
-    if coder[MODE] == COUNT:
-        return value
-    half = coder[RANGE] >> 1
-    if coder[MODE] == READ:
-        value = 1 if coder[LOW] >= half else 0
-    if value:
-        coder[LOW] += -half if coder[MODE] == READ else half
-        coder[RANGE] -= half
-    else:
-        coder[RANGE] = half
-    if coder[RANGE] < TOP or coder[LOW] > WHOLE:
-        renew(coder, data)
-    return value
-
-
 @njit("i8(i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
 def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value: int) -> int:
     """One decision that is 1 with a chance out of 2^16; it is written, or read and returned."""
@@ -139,6 +102,28 @@ def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value
     return value
 
 
+@njit("i8(i8[::1], u1[::1], i8)", cache=True, nogil=True)
+def even(coder: NDArray[np.int64], data: NDArray[np.uint8], value: int) -> int:
+    """One decision that is as likely as not."""
+    return value if coder[MODE] == COUNT else decide(coder, data, 32768, value)
+
+
+@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
+def told(coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.uint8], context: int, value: int) -> int:
+    """One decision, whose chance is learned in ``context``."""
+    if coder[MODE] == COUNT:
+        memory[context] += 1 << 32 if value else 1
+        return value
+    cell = memory[context]
+    fast, slow, seen = cell & 65535, cell >> 16 & 65535, cell >> 32
+    value = decide(coder, data, min(max((fast + slow) >> 1, 32), 65504), value)
+    aim = 65535 if value else 0
+    fast += ((aim - fast) * STEPS[seen, 0]) >> 16
+    slow += ((aim - slow) * STEPS[seen, 1]) >> 16
+    memory[context] = min(seen + 1, MOST_SEEN) << 32 | slow << 16 | fast
+    return value
+
+
 @njit("i8(i8)", cache=True, nogil=True)
 def length_of(value: int) -> int:
     """How many bits a number >= 0 has."""
@@ -149,44 +134,48 @@ def length_of(value: int) -> int:
     return length
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True)
-def number(
-    coder: NDArray[np.int64], probabilities: NDArray[np.int64], data: NDArray[np.uint8], context: int, value: int
+@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8, i8)", cache=True, nogil=True)
+def amount(
+    coder: NDArray[np.int64],
+    memory: NDArray[np.int64],
+    data: NDArray[np.uint8],
+    context: int,
+    lower: int,
+    expected: int,
+    value: int,
 ) -> int:
-    """A number >= 0: its length in bits as ones and a zero, then the bits below the leading one."""
-    size, length = length_of(value), 0
-    while bit(coder, probabilities, data, context + min(length, LENGTHS - 1), 1 if length < size else 0):
+    """A number >= 0: the length of value + 1 less one in ones and a zero, then the bits below its leading one.
+
+    With ``lower`` < 0 these are as likely as not; ``expected`` is what it may well be, or -1.
+    """
+    size, length = length_of(value + 1) - 1, 0
+    while told(coder, memory, data, context + min(length, UNARY - 1), 1 if length < size else 0):
         length += 1
         if length > MAX_LENGTH:
             coder[STATUS] = LONG if coder[STATUS] == GOOD else coder[STATUS]
             return 0
-    if length < 2:
-        return length
-    place = length - 2
-    below = context + LENGTHS + min(place, WIDTH - LENGTHS - 1)
-    result = 2 + bit(coder, probabilities, data, below, value >> place & 1)
-    while place > 0:
-        place -= 1
-        result = 2 * result + even(coder, data, value >> place & 1)
-    return result
+    result, tree = 1, 1
+    for k in range(length - 1, -1, -1):
+        bit = (value + 1) >> k & 1
+        if lower < 0 or length >= LENGTHS:
+            bit = even(coder, data, bit)
+        else:
+            done = length - 1 - k
+            node = 3 * (tree - 1 if done < 3 else min(4 + done, 12))
+            if (expected + 1) >> (k + 1) == result:
+                node += 1 + ((expected + 1) >> k & 1)
+            bit = told(coder, memory, data, lower + length * TREE + node, bit)
+        result, tree = 2 * result + bit, 2 * tree + bit
+    return result - 1
 
 
 @njit("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8)", cache=True, nogil=True)
 def signed(
-    coder: NDArray[np.int64],
-    probabilities: NDArray[np.int64],
-    data: NDArray[np.uint8],
-    context: int,
-    sign: int,
-    value: int,
+    coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.uint8], context: int, lower: int, value: int
 ) -> int:
-    """The magnitude, and unless it is 0 the sign, in the context ``sign`` (-1: as likely as not)."""
-    size = number(coder, probabilities, data, context, abs(value))
-    if size == 0:
-        return 0
-    negative = 1 if value < 0 else 0
-    negative = even(coder, data, negative) if sign < 0 else bit(coder, probabilities, data, sign, negative)
-    return -size if negative else size
+    """A number of either sign: the magnitude, and unless it is 0 whether it is negative."""
+    size = amount(coder, memory, data, context, lower, -1, abs(value))
+    return -size if size and even(coder, data, 1 if value < 0 else 0) else size
 
 
 @njit("void(i8[::1], i8, i8)", cache=True, nogil=True)

@@ -20,10 +20,10 @@ from fleetmap.codecs.range_kernels import (
     STATUS,
     TOO_MANY,
     TWICE,
-    bit,
-    number,
+    amount,
     signed,
     spend,
+    told,
 )
 from fleetmap.model.row_kernels import KEY_BITS
 from fleetmap.model.sort_kernels import lower_bound, order_of
@@ -46,27 +46,27 @@ REACH = 2
 @njit("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8)", cache=True, nogil=True)
 def code_windows(
     coder: NDArray[np.int64],
-    probabilities: NDArray[np.int64],
+    memory: NDArray[np.int64],
     data: NDArray[np.uint8],
     windows: NDArray[np.int64],
     count: int,
     bands: int,
 ) -> int:
     """The windows, (MAX_WINDOWS, 5), in which edges are removed from a base of so many bands; returns their count."""
-    count = number(coder, probabilities, data, at.WINDOWS, count)
+    count = amount(coder, memory, data, at.WINDOWS, at.LOWER, -1, count)
     if count > MAX_WINDOWS:
         coder[STATUS] = TOO_MANY
         return 0
     band = column = removed = 0
     for i in range(count):
         window = windows[i]
-        band += number(coder, probabilities, data, at.FIRST_BAND, window[FIRST_BAND] - band)
+        band += amount(coder, memory, data, at.FIRST_BAND, at.LOWER, -1, window[FIRST_BAND] - band)
         window[FIRST_BAND] = band
-        window[BANDS] = 1 + number(coder, probabilities, data, at.BANDS, window[BANDS] - 1)
-        column += signed(coder, probabilities, data, at.FIRST_COLUMN, -1, window[FIRST_COLUMN] - column)
+        window[BANDS] = 1 + amount(coder, memory, data, at.BANDS, at.LOWER, -1, window[BANDS] - 1)
+        column += signed(coder, memory, data, at.FIRST_COLUMN, at.LOWER, window[FIRST_COLUMN] - column)
         window[FIRST_COLUMN] = column
-        window[COLUMNS] = 1 + number(coder, probabilities, data, at.COLUMNS, window[COLUMNS] - 1)
-        window[REMOVED] = 1 + number(coder, probabilities, data, at.REMOVED, window[REMOVED] - 1)
+        window[COLUMNS] = 1 + amount(coder, memory, data, at.COLUMNS, at.LOWER, -1, window[COLUMNS] - 1)
+        window[REMOVED] = 1 + amount(coder, memory, data, at.REMOVED, at.LOWER, -1, window[REMOVED] - 1)
         removed += window[REMOVED]
         spend(coder, 1 + window[REMOVED], removed)
         if band + window[BANDS] > bands and coder[STATUS] == GOOD:
@@ -99,20 +99,26 @@ def _slot(table: NDArray[np.int64], key: int) -> int:
     return slot
 
 
-@njit("void(i8[::1], i8[::1], u1[::1], i4[:,::1], i8[:,::1], i8[:,::1], i8[::1], i4[:,::1])", cache=True, nogil=True)
+@njit(
+    "void(i8[::1], i8[::1], u1[::1], i4[:,::1], i8[:,::1], i8[:,::1], i8[::1], i4[:,::1], i8[::1])",
+    cache=True,
+    nogil=True,
+)
 def code_removed(
     coder: NDArray[np.int64],
-    probabilities: NDArray[np.int64],
+    memory: NDArray[np.int64],
     data: NDArray[np.uint8],
     block: NDArray[np.int32],
     windows: NDArray[np.int64],
     spans: NDArray[np.int64],
     places: NDArray[np.int64],
     removed: NDArray[np.int32],
+    thickness: NDArray[np.int64],
 ) -> None:
     """A decision for each edge in a window until all of it are found: edges go with those that they touch.
 
-    ``places``, (R,), and ``removed``, (R, 5), are written or read; R is what the windows say in all.
+    ``places``, (R,), and ``removed``, (R, 5), are written or read; R is what the windows say in all. ``thickness``,
+    (R,), becomes that of the removed edges.
     """
     seen = 0
     for w in range(len(windows)):
@@ -146,7 +152,7 @@ def code_removed(
                     next_gone += 1
                 goes = 1 if next_gone < len(places) and places[next_gone] == place else 0
             context = 2 * (16 * class_of(int(block[i, 4])) + 4 * touch[a] + touch[b]) + last
-            last = bit(coder, probabilities, data, at.GOES + context, goes)
+            last = told(coder, memory, data, at.GOES + context, goes)
             touch[a] |= 1 + last
             touch[b] |= 1 + last
             if last:
@@ -160,6 +166,7 @@ def code_removed(
         places[nth] = found_places[k]
         for c in range(5):
             removed[nth, c] = block[found_rows[k], c]
+        thickness[nth] = block[found_rows[k], 5]
         if nth > 0 and places[nth] == places[nth - 1]:
             coder[STATUS] = TWICE
             return
