@@ -3,9 +3,11 @@
 First each bit of the golden files is flipped. Then payloads of generated maps (snapshots, deltas and grids) and the
 golden ones are spoilt in other ways. Whatever comes of them must be refused with a ``WireError``, or be a delta that
 applies (or is told not to fit), or states, within half a second. The most memory that the process took is printed. With
---atheris, if it is installed, coverage leads the way.
+--atheris, if it is installed, coverage leads the way; that sees into kernels only while they aren't compiled.
 
     python benchmarks/fuzz_codec.py --cases 200000 [--seed 1]
+    NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=/tmp/checked python benchmarks/fuzz_codec.py --cases 50000
+    NUMBA_DISABLE_JIT=1 python benchmarks/fuzz_codec.py --atheris 600
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import argparse
 import resource
 import sys
+import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -121,7 +124,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--atheris", action="store_true", help="for ever, led by coverage; needs the package atheris")
+    parser.add_argument("--atheris", type=int, metavar="SECONDS", help="led by coverage; needs the package atheris")
     parser.add_argument("--tiny", action="store_true", help="a thousand cases: for the tests")
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
@@ -130,7 +133,7 @@ def main() -> int:
     for kind, data, base in seeds:  # loads the kernels, too
         assert try_one(kind, data, base) == "applied"
     if options.atheris:
-        return lead_by_coverage(seeds)
+        return lead_by_coverage(seeds, options.atheris)
     outcomes: dict[str, Counter[str]] = {}
     slowest = (0.0, "", b"")
     failures = 0
@@ -167,19 +170,23 @@ def main() -> int:
     return int(failures > 0 or slowest[0] > MOST_S)
 
 
-def lead_by_coverage(seeds: list[Seed]) -> int:
-    """Hand everything to atheris; it ends with what it found, or with Ctrl-C."""
+def lead_by_coverage(seeds: list[Seed], seconds: int) -> int:
+    """Hand the seeds to atheris, which ends the process with what it found."""
     import atheris
 
-    bases = [(kind, base) for kind, _, base in seeds]
+    cases = seeds[:: max(1, len(seeds) // 200)]  # one byte says which base
 
     def one_input(data: bytes) -> None:
         if len(data) > 1:
-            kind, base = bases[data[0] % len(bases)]
+            kind, _, base = cases[data[0] % len(cases)]
             try_one(kind, data[1:], base)
 
-    atheris.Setup([sys.argv[0]], one_input)
-    atheris.Fuzz()
+    with tempfile.TemporaryDirectory() as folder:
+        for i, (_, payload, _) in enumerate(cases):
+            (Path(folder) / f"{i}").write_bytes(bytes([i]) + payload)
+        atheris.instrument_all()
+        atheris.Setup([sys.argv[0], folder, f"-max_total_time={seconds}", "-rss_limit_mb=4096"], one_input)
+        atheris.Fuzz()
     return 0
 
 

@@ -129,7 +129,12 @@ def _kind_of_way(dy: int, dx: int, quadrant: int) -> int:
     return 1 if turn & 1 else 2 if turn == 0 else 3
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8[::1], i8, i8, i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@njit(
+    "i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8[::1], i8, i8, i8, i8, i8, i8, i8, i8, i8)",
+    cache=True,
+    nogil=True,
+    inline="always",
+)
 def _code_target(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
