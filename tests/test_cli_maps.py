@@ -9,7 +9,7 @@ import pytest
 
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
-from fleetmap.model.map_server import save_map
+from fleetmap.model.map_server import load_map, save_map
 
 
 def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
@@ -31,6 +31,31 @@ def test_a_map_goes_to_vectors_and_back(fleetmap_command, map_folder):
     run = fleetmap_command("compare", "again.yaml", "map.yaml", "--json", cwd=map_folder)
     assert run.code == 0, run.err
     assert min(run.document[k] for k in ("MS", "OPDF", "UPDF", "OPDF_reverse", "UPDF_reverse")) > 97
+
+
+def test_with_what_it_leaves_out_a_vector_map_gives_every_cell_back(fleetmap_command, map_folder):
+    run = fleetmap_command(
+        "vectorize", "map.yaml", "-o", "map.fmap", "--residual", "rest.fgrid", "--json", cwd=map_folder
+    )
+    assert run.code == 0, run.err
+    assert run.document["residual_bytes"] == (map_folder / "rest.fgrid").stat().st_size
+    command = ["rasterize", "map.fmap", "-o", "again.yaml"]
+    run = fleetmap_command(*command, "--residual", "rest.fgrid", cwd=map_folder)
+    assert run.code == 0, run.err
+    again, grid = load_map(map_folder / "again.yaml"), load_map(map_folder / "map.yaml")
+    assert np.array_equal(again.states_yx(), grid.states_yx())
+    assert again.origin == grid.origin
+
+    for wrong, says in (
+        (["rasterize", "rest.fgrid", "-o", "again.yaml"], "none was named"),
+        ([*command, "--residual", "map.fmap"], "expected b'FGRD'"),
+        (["rasterize", "map.yaml", "-o", "again.yaml"], "expected an .fmap or .fgrid file"),
+        (["rasterize", "rest.fgrid", "-o", "again.yaml", "--residual", "rest.fgrid"], "is for an .fmap file"),
+        (["vectorize", "map.yaml", "-o", "map.fmap", "--residual", "rest.yaml"], "ends in .fgrid"),
+    ):
+        run = fleetmap_command(*wrong, cwd=map_folder)
+        assert run.code in (1, 2)
+        assert says in " ".join(run.err.split())
 
 
 def test_the_papers_method_reports_what_it_breaks_and_writes_the_map_all_the_same(fleetmap_command, map_folder):

@@ -32,14 +32,25 @@ def read_map_server(path: Path) -> OccupancyGrid:
     return load_map(path)
 
 
-def read_grid(path: Path) -> OccupancyGrid:
-    """The map in ``path`` as a grid: a YAML as it is, an .fmap rasterised."""
+def read_grid(path: Path, *, residual: Path | None = None) -> OccupancyGrid:
+    """The map in ``path`` as a grid: a YAML or .fgrid as it is, an .fmap drawn, with what it leaves out if given."""
+    from fleetmap.codecs.fgrid import load_fgrid
     from fleetmap.codecs.fmap import load_fmap
     from fleetmap.vectorize import rasterize
 
     if path.suffix == ".fmap":
         content = load_fmap(path)
-        return content.to_grid() if isinstance(content, MergedMap) else rasterize(content)
+        if isinstance(content, MergedMap):
+            if residual is not None:
+                raise ConfigError(option="residual", value=str(residual), reason="is for vector maps, not merged ones")
+            return content.to_grid()
+        if residual is not None:
+            return load_fgrid(residual, base=(content.digest, lambda like: rasterize(content, like=like)))
+        return rasterize(content)
+    if residual is not None:
+        raise ConfigError(option="residual", value=str(residual), reason="is for an .fmap file")
+    if path.suffix == ".fgrid":
+        return load_fgrid(path)
     if path.suffix in (".yaml", ".yml"):
         return load_map(path)
-    raise MapFormatError(path=path, field="name", reason="expected a map_server .yaml or an .fmap file")
+    raise MapFormatError(path=path, field="name", reason="expected a map_server .yaml, an .fmap or an .fgrid file")

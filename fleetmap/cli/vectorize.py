@@ -83,6 +83,13 @@ def vectorize(
             case_sensitive=False, show_default="C", help="How to read the paper's greedy; for the paper's method."
         ),
     ] = None,
+    residual: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.fgrid",
+            help="Also write what the vector map leaves out: with both, rasterize gives every cell back.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Turn a map_server grid into a vector map: the boundary of free space within epsilon.
@@ -97,12 +104,15 @@ def vectorize(
     Examples:  fleetmap vectorize map.yaml -o map.fmap
 
                fleetmap vectorize map.yaml -o lossless.fmap --profile exact
+
+               fleetmap vectorize map.yaml -o map.fmap --residual map.fgrid
     """
     from fleetmap.cli.maps import check_output, read_map_server
+    from fleetmap.codecs.fgrid import save_fgrid
     from fleetmap.codecs.fmap import save_fmap
     from fleetmap.model.errors import ConfigError
+    from fleetmap.vectorize import rasterize, verify
     from fleetmap.vectorize import vectorize as vectorize_grid
-    from fleetmap.vectorize import verify
     from fleetmap.vectorize.paper_method import vectorize_by_paper
     from fleetmap.vectorize.vectorizer import Vectorizer
 
@@ -115,6 +125,8 @@ def vectorize(
         raise ConfigError(option="profile", value=profile.value, reason="is for --method boundary")
     options = Vectorizer(profile=profile.value, epsilon_cells=epsilon, specks=specks)  # refuses what can't be
     check_output(out, ".fmap")
+    if residual is not None:
+        check_output(residual, ".fgrid")
     cells = read_map_server(grid)
     if by_paper:
         reading = reading or Reading.C
@@ -132,6 +144,8 @@ def vectorize(
         cells, vector_map, points="centres" if by_paper else "boundary", specks=0 if by_paper else options.specks
     )
     save_fmap(vector_map, out)
+    if residual is not None:
+        save_fgrid(cells, residual, base=(vector_map.digest, lambda like: rasterize(vector_map, like=like)))
     document = {
         "profile": vector_map.profile,
         "method": method.value,
@@ -139,6 +153,7 @@ def vectorize(
         "edges": len(vector_map),
         "vertices": vector_map.count_vertices(),
         "bytes": out.stat().st_size,
+        "residual_bytes": None if residual is None else residual.stat().st_size,
         "ms": elapsed_ms,
         "valid": report.valid,
         "violations": [
@@ -158,6 +173,7 @@ def vectorize(
             ["method", f"{method.value}, reading {reading.value}" if reading else method.value],
         ]
         rows += [[k, str(document[k])] for k in ("edges", "vertices", "bytes")]
+        rows += [["residual", f"{document['residual_bytes']}"]] if residual is not None else []
         rows += [
             ["time", f"{elapsed_ms:.1f} ms"],
             ["specks dropped", f"{report.dropped.count} ({report.dropped.cells} cells)"],

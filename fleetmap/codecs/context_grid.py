@@ -71,9 +71,7 @@ def decode_states(data: bytes, base_yx: NDArray[np.uint8] | None = None, *, robo
     from fleetmap.codecs.range_kernels import READ, begin, finish_reading
 
     try:
-        size, start = _read_size(data)
-        if size[0] * size[1] > min(MAX_CELLS, CELLS_PER_BYTE * len(data)):
-            raise ValueError(f"{size[0]} x {size[1]} cells are more than {len(data)} B may hold")
+        size, start = read_size(data), _start(data)
         if base_yx is not None and base_yx.shape != size:
             raise ValueError(f"the base has {base_yx.shape[0]} x {base_yx.shape[1]} cells, not {size[0]} x {size[1]}")
         states = np.zeros(size, np.uint8)
@@ -89,13 +87,25 @@ def decode_states(data: bytes, base_yx: NDArray[np.uint8] | None = None, *, robo
     return states
 
 
-def _read_size(data: bytes) -> tuple[tuple[int, int], int]:
-    """Height and width in front, and where the rest begins."""
+def read_size(data: bytes) -> tuple[int, int]:
+    """Height and width in cells, which stand in front.
+
+    Raises
+    ------
+    ValueError : they are cut off, or more than so many bytes may hold
+    """
+    height, width = decode_leb128(data[: _start(data)]).tolist()
+    if height * width > min(MAX_CELLS, CELLS_PER_BYTE * len(data)):
+        raise ValueError(f"{height} x {width} cells are more than {len(data)} B may hold")
+    return height, width
+
+
+def _start(data: bytes) -> int:
+    """Where height and width end."""
     ends = [k for k, byte in enumerate(data[: 2 * MAX_BYTES]) if byte < 128][:2]
     if len(ends) < 2:
         raise ValueError("height and width are cut off")
-    height, width = decode_leb128(data[: ends[1] + 1]).tolist()
-    return (height, width), ends[1] + 1
+    return ends[1] + 1
 
 
 def _code(

@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 from fleetmap.codecs import protocol
 from fleetmap.codecs.deflate import deflate, inflate
 from fleetmap.codecs.envelope import VERSION, map_header_fields, read_map_header
+from fleetmap.codecs.files import read_behind, write_whole
 from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
 from fleetmap.codecs.messages import MapHeader
 from fleetmap.model.delta import apply, diff
@@ -28,7 +27,6 @@ from fleetmap.model.vectormap import VectorMap
 
 MAGIC = b"FMAP"
 KIND_VECTOR, KIND_MERGED = 1, 2
-MAX_FILE_BYTES = 64 << 20
 MAX_INFLATED_BYTES = 16 << 20
 
 T = TypeVar("T")
@@ -49,16 +47,7 @@ def save_fmap(fleet_map: VectorMap | MergedMap, path: str | Path) -> None:
     else:
         about = [fleet_map.resolution_um, fleet_map.tolerance, len(fleet_map)]
         fields = [VERSION, KIND_MERGED, about, _pack_merged(fleet_map.edges), int(fleet_map.digest, 16)]
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(MAGIC + msgpack.packb(fields))
-        os.chmod(temporary, 0o644)  # mkstemp makes files that only the owner reads
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_whole(Path(path), MAGIC + msgpack.packb(fields))
 
 
 def load_fmap(path: str | Path) -> VectorMap | MergedMap:
@@ -78,15 +67,8 @@ def load_fmap(path: str | Path) -> VectorMap | MergedMap:
         except (ValueError, TypeError, OverflowError, FleetmapError, msgpack.exceptions.UnpackException) as error:
             raise MapFormatError(path=path, field=field, reason=str(error) or type(error).__name__) from None
 
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise MapFormatError(path=path, field="file", reason=error.strerror or str(error)) from None
-    if len(data) > MAX_FILE_BYTES or not data.startswith(MAGIC):
-        reason = f"expected {MAGIC!r} and at most {MAX_FILE_BYTES} B"
-        raise MapFormatError(path=path, field="file", reason=reason)
-    kind, about, payload, digest = check("envelope", lambda: _unpack(data[len(MAGIC) :]))
+    data = read_behind(path, MAGIC)
+    kind, about, payload, digest = check("envelope", lambda: _unpack(data))
     if kind == KIND_VECTOR:
         base = check("header", lambda: _empty(read_map_header(about)))
         vector_map = check("edges", lambda: apply(base, protocol.decode(payload, base, robot="file")))
