@@ -126,17 +126,18 @@ def is_alone(
 ) -> bool:
     """Whether a free speck is the only trace of the space it lies in, and must stay.
 
-    There is no large free component within ``apart`` rows and columns of its first cell, nor another speck of which
-    the same is true and that has a lower number: of a cloud of specks some stay, and which ones depends on the next
-    neighbours alone.
+    There is no large free component within ``apart`` rows and columns of its first cell, nor, within half of that,
+    another speck of which the same is true and that has a lower number: of a cloud of specks some stay, and which
+    ones depends on the next neighbours alone.
     """
     height, width = states.shape
     y0, x0 = queue[at, 0], queue[at, 1]
     first = at + count
     if is_near_large(states, seen, queue, first, y0, x0, most, apart):
         return False
-    for y in range(max(y0 - apart, 0), min(y0 + apart + 1, height)):
-        for x in range(max(x0 - apart, 0), min(x0 + apart + 1, width)):
+    beside = apart // 2
+    for y in range(max(y0 - beside, 0), min(y0 + beside + 1, height)):
+        for x in range(max(x0 - beside, 0), min(x0 + beside + 1, width)):
             if states[y, x] != 0:
                 continue
             size = gather(states, seen, y, x, most, queue, first)
