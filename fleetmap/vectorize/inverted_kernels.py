@@ -64,9 +64,19 @@ def is_inverted(
         record = np.int64(first_last[2 * arc + 1])
         outside = 0
         while record >= 0:
+            n = np.int64(records[record, NEXT])
             start = -1
             for other in range(arcs):
-                if first_last[2 * other] == record:
+                s = np.int64(first_last[2 * other])
+                # At a node outside of the window the boundary of free space goes on with the arc that starts there.
+                if s == record or (
+                    share
+                    and n < 0
+                    and s >= 0
+                    and records[s, PREV] < 0
+                    and records[s, POINT_Y] == records[record, POINT_Y]
+                    and records[s, POINT_X] == records[record, POINT_X]
+                ):
                     start = other
             if start >= 0:
                 reached[start] = 1
@@ -76,7 +86,6 @@ def is_inverted(
                         if part[other] == b:
                             part[other] = a
                 break
-            n = np.int64(records[record, NEXT])
             if n < 0 or outside == FEW_OUTSIDE:
                 anchored[arc] = 1
                 break
