@@ -102,7 +102,7 @@ def test_the_start_tables_are_those_of_the_format() -> None:
     assert {len(table) for table in tables} == {CONTEXTS}
     assert (
         hashlib.sha256(b"".join(tables)).hexdigest()
-        == "314f0db2798cc54a549f2488cdfa244e22d4ff798333ae56b1abd1d745d43565"
+        == "bbb18ab0d4af87b206321a4195e9205c3c5a70ede0b5bb3eeddad5a71828a6df"
     )
 
 
