@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 from golden import grid, rooms
@@ -71,12 +72,14 @@ def test_damaged_files_are_refused(tmp_path: Path, data: st.DataObject) -> None:
         (MAGIC + b"\x90", "array of 6"),
         (MAGIC + b"\x96\x02\x01\x01\x01\x01\x01", "version 2"),
         (MAGIC + b"\x96\x01\x01\x01\x01\x01\x01", "origin of three numbers"),
+        (MAGIC + msgpack.packb([1, -0.05, [0.0, 0.0, 0.0], None, 0, b"\x02\x02"]), "resolution_m: expected"),
     ],
 )
 def test_what_is_no_such_file_is_refused(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "a.fgrid"
     path.write_bytes(content)
-    with pytest.raises(MapFormatError, match=says):
+    with pytest.raises(MapFormatError, match=says) as found:
         load_fgrid(path)
+    assert found.value.path == str(path)
     with pytest.raises(MapFormatError, match="No such file"):
         load_fgrid(tmp_path / "none.fgrid")

@@ -64,9 +64,10 @@ def load_fgrid(path: str | Path, *, base: tuple[int, Draw] | None = None) -> Occ
     MapFormatError : the file is missing, is no .fgrid file, is damaged, or needs another base
     """
     path = Path(path)
+    data = read_behind(path, MAGIC)
     try:
         fields = msgpack.unpackb(
-            read_behind(path, MAGIC),
+            data,
             use_list=False,
             max_array_len=6,
             max_str_len=0,
@@ -77,9 +78,9 @@ def load_fgrid(path: str | Path, *, base: tuple[int, Draw] | None = None) -> Occ
         resolution_m, origin, needed, checksum, payload = _checked(fields)
         height, width = read_size(payload)
         like = OccupancyGrid.from_states(np.full((height, width), UNKNOWN, np.uint8), resolution_m, origin)
+    except MapFormatError as error:  # of the grid, which knows no file
+        raise MapFormatError(path=path, field=error.field, reason=error.reason) from None
     except (ValueError, TypeError, FleetmapError, msgpack.exceptions.UnpackException) as error:
-        if isinstance(error, MapFormatError):
-            raise
         raise MapFormatError(path=path, field="envelope", reason=str(error) or type(error).__name__) from None
     if needed is not None and (base is None or base[0] != needed):
         given = "none was named" if base is None else f"{base[0]:016x} was named"
