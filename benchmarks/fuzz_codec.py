@@ -185,7 +185,8 @@ def lead_by_coverage(seeds: list[Seed], seconds: int) -> int:
         for i, (_, payload, _) in enumerate(cases):
             (Path(folder) / f"{i}").write_bytes(bytes([i]) + payload)
         atheris.instrument_all()
-        atheris.Setup([sys.argv[0], folder, f"-max_total_time={seconds}", "-rss_limit_mb=4096"], one_input)
+        limits = [f"-max_total_time={seconds}", "-rss_limit_mb=4096", f"-artifact_prefix={tempfile.gettempdir()}/"]
+        atheris.Setup([sys.argv[0], folder, *limits], one_input)
         atheris.Fuzz()
     return 0
 

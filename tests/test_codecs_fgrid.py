@@ -11,6 +11,7 @@ from golden import grid, rooms
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from fleetmap.codecs import fgrid
 from fleetmap.codecs.fgrid import MAGIC, load_fgrid, save_fgrid
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import OccupancyGrid
@@ -32,6 +33,13 @@ def test_every_cell_comes_back(tmp_path: Path, upon_vectors: bool) -> None:
     again = load_fgrid(path, base=base(CELLS))
     assert np.array_equal(again.states_yx(), CELLS.states_yx())
     assert (again.resolution_m, again.origin) == (CELLS.resolution_m, CELLS.origin)
+
+
+def test_a_grid_with_too_many_cells_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fgrid, "MAX_CELLS", 100)
+    with pytest.raises(MapFormatError, match="at most 100 cells"):
+        save_fgrid(CELLS, tmp_path / "a.fgrid")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_vector_map_must_be_the_same(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import msgpack
 import numpy as np
 
-from fleetmap.codecs.context_grid import decode_states, encode_states, read_size
+from fleetmap.codecs.context_grid import MAX_CELLS, decode_states, encode_states, read_size
 from fleetmap.codecs.envelope import VERSION
 from fleetmap.codecs.files import MAX_FILE_BYTES, read_behind, write_whole
 from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
@@ -37,9 +37,12 @@ def save_fgrid(grid: OccupancyGrid, path: str | Path, *, base: tuple[int, Draw] 
     Raises
     ------
     OSError : the folder can't be written
-    ValueError : the grid has more than 2^25 cells
+    MapFormatError : the grid has more cells than the exact layer takes
     """
     states = grid.states_yx()
+    if states.size > MAX_CELLS:
+        reason = f"expected at most {MAX_CELLS} cells; the grid has {states.size}"
+        raise MapFormatError(path=path, field="grid", reason=reason)
     drawn = None if base is None else base[1](grid).states_yx()
     fields = [
         VERSION,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fleetmap.codecs.fields import DeltaFields
 from fleetmap.codecs.mode1_layout import CONTEXTS
 from fleetmap.codecs.mode1_start import DELTA, SNAPSHOT
-from fleetmap.codecs.range_coder import REASONS, check, start_memory
+from fleetmap.codecs.range_coder import check, start_memory
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.vectormap import VectorMap
 
@@ -198,4 +198,4 @@ def _too_large(edges: int) -> ConfigError:
     return ConfigError(option="mode", value=MODE, reason=f"a delta of {edges} edges is for mode 0")
 
 
-__all__ = ["MODE", "REASONS", "decode", "encode"]
+__all__ = ["MODE", "decode", "encode"]

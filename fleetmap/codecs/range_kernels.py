@@ -22,7 +22,7 @@ READ, WRITE, COUNT = 0, 1, 2
 """COUNT writes nothing: it adds up each context's decisions in ``memory``, zeros + 2^32 ones."""
 
 GOOD, FULL, FIRST, LEFT_OVER, NOT_SHORTEST, LONG, TOO_MANY, FAR, NO_TARGET, THICK, NOT_THERE, TWICE = range(12)
-"""What went wrong (``mode1.REASONS``)."""
+"""What went wrong (``range_coder.REASONS``)."""
 
 FAST, SLOW = 65536 // 16, 65536 // 128
 """The least steps of both chances towards what has happened, out of 2^16."""
