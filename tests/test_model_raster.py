@@ -82,8 +82,11 @@ def arrangement(draw):
 @settings(max_examples=60, deadline=None)
 @given(arrangement(), st.integers(1, 9))
 def test_merged_states_are_those_of_the_slow_twin(rows, step):
+    """But for the holes in walls that are sealed: see ``test_model_seal``."""
     states, low_yx = merged_states(np.array(rows, np.int32).reshape(-1, 8), step)
-    assert np.array_equal(states, slow_states(rows, step, low_yx, states.shape))
+    slow = slow_states(rows, step, low_yx, states.shape)
+    assert np.array_equal(states[states != OCCUPIED], slow[states != OCCUPIED])
+    assert (states[slow == OCCUPIED] == OCCUPIED).all()
 
 
 @settings(max_examples=30, deadline=None)

@@ -6,11 +6,20 @@ for the tests.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fleetmap.merge.protocol import Source
-from fleetmap.model.mergedmap import FLEET_UM, MergedMap
+from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import OCCUPIED
+from fleetmap.model.mergedmap import FLEET_UM, LEFT, RIGHT, THICKNESS, X1, MergedMap
+from fleetmap.verify import find_openings
+
+if TYPE_CHECKING:
+    from fleetmap.merge.verify_planar import Found
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +28,7 @@ class Violation:
 
     Parameters
     ----------
-    law : ``canonical``, ``crossing``, ``face``, ``safety`` (3), ``door`` (4), ``accuracy`` (5) or ``free``
+    law : ``canonical``, ``crossing``, ``face``, ``safety`` (3), ``door`` (4), ``accuracy`` (5), ``free`` or ``drawn``
     at_xy_m : where, metres in the component's frame
     reason : what was found and what was expected
     """
@@ -29,13 +38,16 @@ class Violation:
     reason: str
 
 
-def verify(sources: Iterable[Source], merged: MergedMap, *, spacing: int = 5) -> list[Violation]:
+def verify(
+    sources: Iterable[Source], merged: MergedMap, *, spacing: int = 5, drawn: OccupancyGrid | None = None
+) -> list[Violation]:
     """Check ``merged`` against the ``sources`` that it was folded from.
 
     Parameters
     ----------
     sources : those that the fold took: what it left out (``refusal``) must not be among them
     spacing : lattice steps between the points at which the laws 3 to 5 are tested along walls
+    drawn : a grid that was drawn from the map, to be checked in place of ``merged.to_grid()``
 
     Returns
     -------
@@ -52,6 +64,12 @@ def verify(sources: Iterable[Source], merged: MergedMap, *, spacing: int = 5) ->
       says so.
     - door: free space keeps its clearance to walls, as far as free space reached around it, less half the
       tolerance: a gap that was seen as free and is wider than the tolerance stays open.
+    - drawn: in the drawn grid, no 4-connected path of cells that aren't blocked leads from one side of a wall to the
+      other but around its ends, or through a gap (see ``fleetmap.verify.drawn``).
+
+    Raises
+    ------
+    MapFormatError : no ``drawn`` is given, and the map is too large to be drawn
     """
     from fleetmap.merge.verify_laws import check_accuracy, check_space
     from fleetmap.merge.verify_planar import check_canonical, check_crossings, check_faces
@@ -65,5 +83,23 @@ def verify(sources: Iterable[Source], merged: MergedMap, *, spacing: int = 5) ->
         found += check_faces(rows)
     found += check_accuracy(sources, merged, spacing)
     found += check_space(sources, merged)
+    found += _check_drawn(merged, merged.to_grid() if drawn is None else drawn)
     step_m = FLEET_UM * 1e-6
     return [Violation(law, (float(x) * step_m, float(y) * step_m), reason) for law, y, x, reason in found]
+
+
+def _check_drawn(merged: MergedMap, drawn: OccupancyGrid) -> Iterator[Found]:
+    """Places (law, y, x, reason), in lattice steps, where the drawn grid opens a wall."""
+    step_m = FLEET_UM * 1e-6
+    rows = merged.edges.astype(np.int64)
+    places = find_openings(
+        rows[:, : X1 + 1],
+        rows[:, LEFT],
+        rows[:, RIGHT],
+        np.where(merged.obstacle, rows[:, THICKNESS], -1),
+        cell=round(drawn.resolution_m / step_m),
+        origin_yx=(round(drawn.origin.y_m / step_m), round(drawn.origin.x_m / step_m)),
+        blocked=drawn.states_yx() == OCCUPIED,
+    )
+    for y, x in places.tolist():
+        yield "drawn", y, x, "the drawn grid lets a path through the wall"

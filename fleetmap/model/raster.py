@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import MAX_CELLS
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.seal import seal_walls
 from fleetmap.model.vectormap import THICKNESS_PER_CELL, VectorMap
 
 Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)
@@ -136,13 +137,12 @@ def _states(
         if profile == "exact":
             return states
         # Half a cell behind each surface, lest a wall of one cell vanish between its two.
-        walls = (left == OCCUPIED) | (right == OCCUPIED)
-        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[walls]
+        surfaces = (left == OCCUPIED) | (right == OCCUPIED)
+        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[surfaces]
         reach = np.full((len(sides), 2), step, np.int64)
-        blocked = _paint(doubled[walls], sides, reach, step, low_yx, free)
+        blocked = _paint(doubled[surfaces], sides, reach, step, low_yx, free)
         states[(blocked == 1) & ~free] = OCCUPIED
-        return states
-    if profile == "share":
+    elif profile == "share":
         hidden = (left != FREE) & (right != FREE)
         if hidden.any():
             states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
@@ -151,9 +151,13 @@ def _states(
     edges, left, right = doubled[walls], left[walls], right[walls]
     two_sided = (left == FREE) & (right == FREE)
     sides = np.where(two_sided, 3, (left != FREE) + 2 * (right != FREE)).astype(np.int64)
-    reach = np.full((len(edges), 2), step, np.int64)  # half a cell
-    reach[:, 0] = np.where(two_sided, step, 2 * np.maximum(rows[walls, THICKNESS], step))
-    states[_paint(edges, sides, reach, step, low_yx, free) == 1] = OCCUPIED
+    if profile != "full":
+        reach = np.full((len(edges), 2), step, np.int64)  # half a cell
+        reach[:, 0] = np.where(two_sided, step, 2 * np.maximum(rows[walls, THICKNESS], step))
+        states[_paint(edges, sides, reach, step, low_yx, free) == 1] = OCCUPIED
+    sealed = (states == OCCUPIED).astype(np.uint8)
+    seal_walls(edges, sides, 2 * step, low_yx, sealed)
+    states[sealed == 1] = OCCUPIED
     return states
 
 

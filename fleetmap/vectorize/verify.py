@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
-from fleetmap.model.vectormap import FRONTIER_LABELS, HIDDEN_LABELS, OBSTACLE_LABELS, VectorMap
-from fleetmap.vectorize.verify_cells import GridCells
+from fleetmap.model.vectormap import FRONTIER_LABELS, HIDDEN_LABELS, OBSTACLE_LABELS, THICKNESS_PER_CELL, VectorMap
+from fleetmap.vectorize.rasterize import rasterize
+from fleetmap.vectorize.verify_cells import GridCells, place_on_lattice
 from fleetmap.vectorize.verify_components import find_component_defects
 from fleetmap.vectorize.verify_cover import UNIT, first_gaps
 from fleetmap.vectorize.verify_faces import find_crossings, find_faces, find_odd_outlines, find_states
+from fleetmap.verify import find_openings
 
 KINDS = (
     ("obstacle", OBSTACLE_LABELS, FREE, OCCUPIED),
@@ -36,7 +38,8 @@ class Violation:
 
     ``kind`` is ``uncovered`` (boundary of the grid without an edge near), ``astray`` (edge without boundary
     near), ``lost`` (an obstacle of which there is no edge), ``crossing``, ``sides`` (a face that has one state for
-    one edge and another for another), ``identity`` (cells in a face of another state) or ``components``.
+    one edge and another for another), ``identity`` (cells in a face of another state), ``components``, or ``opened`` (a
+    wall that the drawn grid opens).
     ``place_xy_m`` is in the submap's frame.
     """
 
@@ -73,6 +76,7 @@ def verify(
     *,
     points: Literal["boundary", "centres"] = "boundary",
     specks: int = 12,
+    drawn: OccupancyGrid | None = None,
 ) -> VerifyReport:
     """Check a vector map against the grid that it was made from.
 
@@ -101,6 +105,9 @@ def verify(
     7. Every obstacle, an 8-connected component of occupied cells, has a point of its boundary at most epsilon away
        from an obstacle or hidden edge, or a cell in an occupied face: else it is ``lost``. In ``share``, where one
        can't tell which specks have become occupied, specks that are not in a free face may connect obstacles.
+    8. In the grid that is drawn from the map (``rasterize``), no 4-connected path of cells that aren't blocked leads
+       from one side of an obstacle edge to the other but around its ends, or through a gap: else the wall is
+       ``opened`` there (see ``fleetmap.verify.drawn``).
 
     Epsilon is the map's own; a distance of exactly epsilon is legal. What lies outside of the grid is unknown.
     The grid may have any phase on the map's lattice: it stands at its true offset, in sixteenths of a cell.
@@ -112,10 +119,11 @@ def verify(
         corner; each must be near an obstacle edge, and obstacle edges near such centres. 5. is left out.
     specks : free or unknown 4-connected components of at most so many cells may be missing from the map, or
         have become anything in it; those that are missing are listed as ``dropped``. In ``exact`` there are none.
+    drawn : a grid that was drawn from the map, to be checked in place of ``rasterize(vector_map, like=grid)``
 
     Raises
     ------
-    ConfigError : the grid has another resolution or yaw than the map, or ``points`` is neither of both
+    ConfigError : a grid has another resolution or yaw than the map, or ``points`` is neither of both
     """
     if points not in ("boundary", "centres"):
         raise ConfigError(option="points", value=points, reason="expected 'boundary' or 'centres'")
@@ -172,6 +180,21 @@ def verify(
     if share:
         also = cells.in_speck if in_state is None else cells.in_speck & (in_state != FREE)
     report("lost", cells.lost_obstacles(known, epsilon2, also=also, found=found), "no edge of this obstacle")
+
+    # 8. The drawn grid.
+    drawn = rasterize(vector_map, like=grid) if drawn is None else drawn
+    left, right = np.divmod(edges[:, 4], 3)
+    origin_y, origin_x = place_on_lattice(drawn, vector_map).tolist()
+    openings = find_openings(
+        segments,
+        left,
+        right,
+        np.where(vector_map.obstacle, vector_map.thickness.astype(np.int64) * (UNIT // THICKNESS_PER_CELL), -1),
+        cell=UNIT,
+        origin_yx=(origin_y, origin_x),
+        blocked=drawn.states_yx() == OCCUPIED,
+    )
+    report("opened", openings / UNIT, "the drawn grid lets a path through the wall")
 
     dropped = cells.dropped_specks(
         {(a, b): edges_by_kind[name] for name, _, a, b in KINDS[: 2 if share else 3]}, epsilon2

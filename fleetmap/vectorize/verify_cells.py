@@ -36,7 +36,7 @@ class GridCells:
         self.epsilon_cells = vector_map.epsilon_cells
         self.states: NDArray[np.uint8] = np.full((grid.height + 2, grid.width + 2), UNKNOWN, np.uint8)
         self.states[1:-1, 1:-1] = grid.states_yx()
-        self.origin_yx = _place_on_lattice(grid, vector_map) - UNIT  # of the rim's lower left corner
+        self.origin_yx = place_on_lattice(grid, vector_map) - UNIT  # of the rim's lower left corner
         # All components in one numbering, the free ones first; 0 is occupied.
         self.labels, self.free_count = label(self.states == FREE)
         unknown = self.states == UNKNOWN
@@ -158,7 +158,7 @@ class GridCells:
         return cracks + np.tile(self.origin_yx, 2), owners
 
 
-def _place_on_lattice(grid: OccupancyGrid, vector_map: VectorMap) -> NDArray[np.int64]:
+def place_on_lattice(grid: OccupancyGrid, vector_map: VectorMap) -> NDArray[np.int64]:
     """The grid's lower left corner, (y, x) in 1/32 cells of the lattice, rounded to sixteenths."""
     lattice = vector_map.lattice
     T_lattice_grid = lattice.T_frame_lattice.to_pose().inverse() @ grid.origin
