@@ -1,12 +1,14 @@
 """What a hostile robot may send costs others neither their merged map nor their memory."""
 
 import numpy as np
+import pytest
 
 from fleetmap.codecs import envelope
 from fleetmap.codecs.messages import Change, Header, Record, Revision, RevisionList
 from fleetmap.engine import Ask, Engine, Put
-from fleetmap.engine.stream import Stream, advance
+from fleetmap.engine.stream import Stream, Submap, advance
 from fleetmap.engine.view import view
+from fleetmap.model.errors import ConfigError
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import MAX_UM, FixedPose
 from fleetmap.model.vectormap import VectorMap
@@ -23,10 +25,14 @@ def tell(engine: Engine, robot: str, author: Engine) -> None:
 def test_a_start_and_an_anchor_too_far_together_leave_that_submap_out() -> None:
     me, bad = Engine("me", start=FixedPose()), Engine("bad", start=FixedPose(MAX_UM, 0))
     square = VectorMap(Lattice(50_000), SQUARE, np.zeros(4, np.uint8))
-    bad.publish("far", square, anchor=FixedPose(MAX_UM, 0))
-    bad.publish("near", square, anchor=FixedPose(-MAX_UM, 0))
+    with pytest.raises(ConfigError, match="together"):
+        bad.publish("far", square, anchor=FixedPose(MAX_UM, 0))
+    # Another program may say it all the same.
+    bad._commit(submaps={"far": Submap(square, FixedPose(MAX_UM, 0)), "near": Submap(square, FixedPose(-MAX_UM, 0))})
     tell(me, "bad", bad)
     assert [source.frame for source in view(me).sources] == [("bad", 1, "near")]
+    ((frame, reason),) = view(me).left_out
+    assert (frame, "together" in reason) == (("bad", 1, "far"), True)
 
 
 def test_epochs_of_one_robot_that_never_begin_leave_room_for_others() -> None:

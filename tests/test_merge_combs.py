@@ -29,13 +29,15 @@ def source(robot: str, vector_map: VectorMap) -> Source:
 def test_of_two_crossing_combs_one_is_left_out_and_honest_maps_stay() -> None:
     teeth = 1000
     room = source("honest", comb(1, length=40, upright=False))
-    combs = [source("a", comb(teeth, length=2 * teeth, upright=u)) for u in (False, True)]
-    kept = affordable(canonical([room, *combs]))
+    combs = [source(n, comb(teeth, length=2 * teeth, upright=n == "b")) for n in "ab"]
+    kept = affordable(canonical([room, *combs]).placed)
     assert sorted(len(p.ends) for p in kept) == [4, 4 * teeth]
-    assert [p.content() for p in affordable(canonical([*combs[::-1], room]))] == [p.content() for p in kept]
-    assert len(fold([room, *combs])) <= 4 * teeth + 4
+    assert [p.content() for p in affordable(canonical([*combs[::-1], room]).placed)] == [p.content() for p in kept]
+    merged = fold([room, *combs])
+    assert len(merged) <= 4 * teeth + 4
+    assert [(frame[0], "cross" in reason) for frame, reason in merged.left_out] in ([("a", True)], [("b", True)])
 
 
 def test_small_crossing_maps_are_all_kept() -> None:
     combs = [source("a", comb(20, length=40, upright=u)) for u in (False, True)]
-    assert len(affordable(canonical(combs))) == 2
+    assert len(affordable(canonical(combs).placed)) == 2

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from fleetmap.merge import Source, fold, refusal, verify
+from fleetmap.merge import Source, fold, verify
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN, Lattice
-from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.pose import MAX_UM, FixedPose, Pose2
 from fleetmap.model.vectormap import HIDDEN_LABELS, VectorMap
 
 CELL_UM = 50_000
@@ -94,7 +94,7 @@ SCRIPT = """
 import numpy as np
 from fleetmap.merge import Source, fold
 from fleetmap.model.lattice import Lattice
-from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.pose import MAX_UM, FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 rows = np.array({rows})
 for far in (0.0, 5200.0):
@@ -218,13 +218,20 @@ def test_nothing_folds_to_an_empty_map():
 
 def test_a_source_that_cannot_be_placed_is_left_out_and_says_why():
     good = at(cracks(room()))
-    far = at(cracks(room()), 6000.0)
     rows = cracks(room()).edges
-    torn = at(VectorMap(Lattice(CELL_UM), rows[1:], np.zeros(len(rows) - 1, np.uint8)))
-    assert fold([good, far, torn]).to_bytes() == fold([good]).to_bytes()
-    assert refusal(good) is None
-    assert "farther" in refusal(far)
-    assert "not closed" in refusal(torn)
+    torn = at(VectorMap(Lattice(CELL_UM), rows[1:], np.zeros(len(rows) - 1, np.uint8)), robot="torn")
+    beyond = Source(
+        ("beyond", 1, "0"),
+        FixedPose(MAX_UM),
+        VectorMap(Lattice(CELL_UM, FixedPose(1)), rows, np.zeros(len(rows), np.uint8)),
+    )
+    merged = fold([good, torn, beyond])
+    assert merged.to_bytes() == fold([good]).to_bytes()
+    assert fold([good]).left_out == ()
+    reasons = {frame[0]: reason for frame, reason in merged.left_out}
+    assert reasons.keys() == {"torn", "beyond"}
+    assert "not closed" in reasons["torn"]
+    assert "1099" in reasons["beyond"]
 
 
 def test_a_robot_that_claims_huge_cells_does_not_blur_the_maps_of_others():

@@ -21,8 +21,7 @@ from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigza
 from fleetmap.codecs.messages import MapHeader
 from fleetmap.model.delta import apply, diff
 from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
-from fleetmap.model.lattice import MAX_COORDINATE
-from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.mergedmap import MAX_FLEET_COORDINATE, ORIGIN_UM, MergedMap
 from fleetmap.model.vectormap import VectorMap
 
 MAGIC = b"FMAP"
@@ -46,6 +45,8 @@ def save_fmap(fleet_map: VectorMap | MergedMap, path: str | Path) -> None:
         fields = [VERSION, KIND_VECTOR, map_header_fields(header), payload, fleet_map.digest]
     else:
         about = [fleet_map.resolution_um, fleet_map.tolerance, len(fleet_map)]
+        if any(fleet_map.origin_um):
+            about += [v // ORIGIN_UM for v in fleet_map.origin_um]
         fields = [VERSION, KIND_MERGED, about, _pack_merged(fleet_map.edges), int(fleet_map.digest, 16)]
     write_whole(Path(path), MAGIC + msgpack.packb(fields))
 
@@ -115,17 +116,20 @@ def _pack_merged(edges: NDArray[np.int32]) -> bytes:
 
 
 def _read_merged(about: tuple[object, ...], payload: bytes) -> MergedMap:
-    resolution_um, tolerance, count = (value if type(value) is int else -1 for value in (*about, -1, -1, -1)[:3])
-    if len(about) != 3 or not (0 < resolution_um <= 10**7 and 0 <= tolerance <= MAX_COORDINATE and count >= 0):
+    numbers = [value for value in about if type(value) is int]
+    if len(numbers) != len(about) or len(numbers) not in (3, 5) or numbers[3:] == [0, 0]:
+        raise ValueError("expected three whole numbers, or five if the origin is not 0, 0")
+    resolution_um, tolerance, count, x, y = (*numbers, 0, 0)[:5]
+    if not (0 < resolution_um <= 10**7 and 0 <= tolerance <= MAX_FLEET_COORDINATE and count >= 0):
         raise ValueError("expected a resolution in um, a tolerance in lattice steps, and a number of edges")
-    numbers = decode_leb128(inflate(payload, max_bytes=MAX_INFLATED_BYTES))
-    if len(numbers) != 6 * count:
-        raise ValueError(f"expected {6 * count} numbers; found {len(numbers)}")
-    up, along, dy, dx, sides, thickness = numbers.reshape(6, count)
-    if count and max(int(dy.max()), int(thickness.max())) > 2 * MAX_COORDINATE:
+    columns = decode_leb128(inflate(payload, max_bytes=MAX_INFLATED_BYTES))
+    if len(columns) != 6 * count:
+        raise ValueError(f"expected {6 * count} numbers; found {len(columns)}")
+    up, along, dy, dx, sides, thickness = columns.reshape(6, count)
+    if count and max(int(dy.max()), int(thickness.max())) > 2 * MAX_FLEET_COORDINATE:
         raise ValueError("an edge or a thickness is too long")
     y0, x0 = np.cumsum(unzigzag(up)), np.cumsum(unzigzag(along))
     rows = np.column_stack([y0, x0, y0 + dy, x0 + unzigzag(dx), sides % 3, sides // 3 % 3, sides // 9, thickness])
-    if count and (np.abs(rows[:, :4]).max() > MAX_COORDINATE or sides.max() > 17):
+    if count and (np.abs(rows[:, :4]).max() > MAX_FLEET_COORDINATE or sides.max() > 17):
         raise ValueError("a coordinate or a side is out of bounds")
-    return MergedMap(rows.astype(np.int32), resolution_um, tolerance)
+    return MergedMap(rows.astype(np.int32), resolution_um, tolerance, (x * ORIGIN_UM, y * ORIGIN_UM))

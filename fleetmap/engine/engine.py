@@ -38,6 +38,7 @@ from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.log import answer
 from fleetmap.engine.outputs import Ask, Changed, Detour, EpochChanged, NameTaken, Output, PeersChanged, Put
 from fleetmap.engine.quota import Quota
+from fleetmap.engine.reach import check_reach
 from fleetmap.engine.replica import Outcome, Replica
 from fleetmap.engine.stream import Stream, Submap
 from fleetmap.engine.teammates import Teammates
@@ -110,8 +111,9 @@ class Engine:
 
         Raises
         ------
-        ConfigError : the name or the profile is none, or the whole map (or the one before, if it had to wait) grew
-            beyond what a snapshot may hold
+        ConfigError : the name or the profile is none; the map is too large, or too far from others of the component
+            (``engine.reach``); or the whole map (or the one before, if it had to wait) grew beyond what a snapshot may
+            hold
         """
         if self._refused is not None:
             refused, self._refused = self._refused, None
@@ -120,7 +122,9 @@ class Engine:
         if vector_map.profile not in PROFILES or not 0 <= vector_map.epsilon_cells <= MAX_EPSILON_CELLS:
             told = (vector_map.profile, vector_map.epsilon_cells)
             raise ConfigError(option="map", value=told, reason=f"expected {PROFILES} and at most {MAX_EPSILON_CELLS}")
-        self._waiting[submap] = Submap(vector_map, anchor or FixedPose())
+        waiting = {**self._waiting, submap: Submap(vector_map, anchor or FixedPose())}
+        self._check_reach(submaps={**self.own.submaps, **waiting}, submap=submap)
+        self._waiting = waiting
         if self._quota.may_send(now_s):
             return self.send_waiting(now_s)
         return replace(self.own, submaps={**self.own.submaps, **self._waiting}).digest != self.own.digest
@@ -134,7 +138,13 @@ class Engine:
         return True
 
     def set_start(self, start: FixedPose | None) -> bool:
-        """Say where the own map frame lies in the fleet's."""
+        """Say where the own map frame lies in the fleet's.
+
+        Raises
+        ------
+        ConfigError : the own maps would lie too far from others of the component (``engine.reach``)
+        """
+        self._check_reach(header=replace(self.own.header, start=start), submaps={**self.own.submaps, **self._waiting})
         return self._commit(header=replace(self.own.header, start=start))
 
     def forget(self, robot: str) -> bool:
@@ -285,6 +295,12 @@ class Engine:
         return unlisted + [f"{robot} epoch {epoch}" for robot, epoch in behind]
 
     # How it works
+
+    def _check_reach(
+        self, *, header: Header | None = None, submaps: Mapping[str, Submap], submap: str | None = None
+    ) -> None:
+        after = replace(self.own, header=header or self.own.header, submaps=submaps)
+        check_reach(self.own, after, self.holdings.streams(), submap=submap)
 
     def _commit(self, *, header: Header | None = None, submaps: Mapping[str, Submap] | None = None) -> bool:
         old = self.own

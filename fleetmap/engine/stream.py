@@ -40,7 +40,7 @@ class Submap:
     anchor: FixedPose
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Stream:
     """One revision of what an author says. ``seq`` 0 is the empty stream before its first record."""
 

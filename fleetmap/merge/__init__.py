@@ -11,11 +11,10 @@
 """
 
 from fleetmap.merge.fold import fold
-from fleetmap.merge.place import refusal
 from fleetmap.merge.protocol import Merger, Source
 from fleetmap.merge.verify import Violation, verify
 
 MERGERS: dict[str, Merger] = {"arrangement": fold}
 """By name. A new way to merge is one new file and one line here."""
 
-__all__ = ["MERGERS", "Merger", "Source", "Violation", "fold", "refusal", "verify"]
+__all__ = ["MERGERS", "Merger", "Source", "Violation", "fold", "verify"]

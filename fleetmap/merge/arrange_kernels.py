@@ -1,9 +1,9 @@
 """Integer kernels of the arrangement: bands, crossings, routing through hot pixels.
 
-Why int64 suffices: |coordinate| <= 2^20, and an edge spans at most 2^16 along each axis (``place.MAX_LENGTH``),
-2^17 after snapping. Two edges whose boxes meet have |a - c| <= 2^18, so a cross product is at most
-2 * 2^18 * 2^17 = 2^36, and the numerator of a rounded intersection 2 * 2^17 * 2^36 + 2^35 < 2^55. A point against
-any edge: doubled differences of at most 2^22 by 2^17, twice: 2^40. Pixel tests compare products of numbers below
+Why int64 suffices: |coordinate| < 2^21 (``origin.MAX_REACH``), and an edge spans at most 2^16 along each axis
+(``place.MAX_LENGTH``), 2^17 after snapping. Two edges whose boxes meet have |a - c| <= 2^18, so a cross product is at
+most 2 * 2^18 * 2^17 = 2^36, and the numerator of a rounded intersection 2 * 2^17 * 2^36 + 2^35 < 2^55. A point against
+any edge: doubled differences of at most 2^23 by 2^17, twice: 2^41. Pixel tests compare products of numbers below
 2^20.
 """
 

@@ -7,14 +7,15 @@ through placing, snapping and rounding alike: no step can tear a face open.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.merge.origin import MAX_EXTENT, Box, in_metres
 from fleetmap.merge.protocol import Source
 from fleetmap.model.errors import ConfigError, MapFormatError
-from fleetmap.model.lattice import FREE, MAX_COORDINATE, OCCUPIED, Lattice
+from fleetmap.model.lattice import FREE, OCCUPIED, Lattice
 from fleetmap.model.mergedmap import FLEET_UM
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import THICKNESS_PER_CELL
@@ -29,6 +30,8 @@ MAX_THICKNESS = 1 << 14
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
     """Directed edges on the fleet lattice, sorted: what the fold knows of one source.
+
+    Until its origin is chosen, in steps from (0, 0) of the component's frame.
 
     Parameters
     ----------
@@ -48,6 +51,14 @@ class Placed:
     cell: int
     resolution_um: int
 
+    def box(self) -> Box | None:
+        """Where the edges lie; None if there are none."""
+        return Box.of(self.ends.reshape(-1, 2)) if len(self.ends) else None
+
+    def seen_from(self, origin: tuple[int, int]) -> Placed:
+        """The same edges from an origin (y, x)."""
+        return replace(self, ends=self.ends - np.array([*origin, *origin]))
+
     def content(self) -> bytes:
         """Two sources are the same to the fold if these bytes are: what they are sorted and deduplicated by."""
         rows = np.column_stack([self.ends, self.winds, self.wall, self.thickness])
@@ -55,12 +66,12 @@ class Placed:
 
 
 def place(source: Source) -> Placed:
-    """Place ``source`` on the fleet lattice.
+    """Place ``source`` on the fleet lattice that begins at (0, 0).
 
     Raises
     ------
-    MapFormatError : it reaches farther than ``MAX_COORDINATE`` steps from the origin, or its free boundary
-        is not closed, so that no side of it can be told to be free
+    MapFormatError : its pose is out of bounds, it extends more than ``MAX_EXTENT`` steps along an axis, or its free
+        boundary is not closed, so that no side of it can be told to be free
     """
     vector_map = source.vector_map
     lattice = vector_map.lattice
@@ -70,8 +81,8 @@ def place(source: Source) -> Placed:
         points = to_fleet(source.T_fleet_frame, lattice, rows[:, :4].reshape(-1, 2))
     except ConfigError as error:
         raise _refuse(source, "T_fleet_frame", str(error)) from error
-    if len(points) and np.abs(points).max() > MAX_COORDINATE:
-        raise _refuse(source, "edges", f"farther than {MAX_COORDINATE} steps of 5 mm from the fleet's origin")
+    if len(points) and (extent := Box.of(points).extent) > MAX_EXTENT:
+        raise _refuse(source, "edges", f"extends {in_metres(extent)}; at most {in_metres(MAX_EXTENT)}")
 
     ends = points.reshape(-1, 4)
     turned = (right == FREE) | ((left == OCCUPIED) & (right != FREE))
@@ -105,15 +116,6 @@ def pair_cell(a: int, b: int) -> int:
     return min(max(a, b), 2 * min(a, b))
 
 
-def refusal(source: Source) -> str | None:
-    """Why ``fold`` leaves this source out, or None."""
-    try:
-        place(source)
-    except MapFormatError as error:
-        return str(error)
-    return None
-
-
 def to_fleet(T_fleet_frame: FixedPose, lattice: Lattice, points_yx: NDArray[np.int64]) -> NDArray[np.int64]:
     """(n, 2) lattice points (y, x) -> (n, 2) fleet lattice points (y, x), rounded half up.
 
@@ -122,7 +124,8 @@ def to_fleet(T_fleet_frame: FixedPose, lattice: Lattice, points_yx: NDArray[np.i
     The two poses are composed in Python integers, each component rounded once. The fleet steps per cell,
     at most 2000, are then held in Q30: |cos|, |sin| <= 2^41 and |cell| <= 2^20 give
     |cos x - sin y| <= 2^41 * 2^20.5, and an offset of at most 2^41 um adds 2^58.8: below 2^62. The rounding
-    of the Q30 factor moves a point by at most 2^20 / 2^30 steps, 5 um.
+    of the Q30 factor moves a point by at most 2^20 / 2^30 steps, 5 um. The result is below 2^32: so are all numbers
+    from (0, 0) on; after the origin was chosen, and subtracted, they are below 2^21.
     """
     pose = T_fleet_frame @ lattice.T_frame_lattice
     cos = _round_div(pose.cos_q30 * lattice.resolution_um, FLEET_UM)
@@ -135,6 +138,7 @@ def to_fleet(T_fleet_frame: FixedPose, lattice: Lattice, points_yx: NDArray[np.i
 
 def is_closed(ends: NDArray[np.int64]) -> bool:
     """Whether as many of the directed edges (n, 4) leave each point as reach it."""
+    # Far from (0, 0) the sums wrap around; within ``MAX_EXTENT`` of each other no two points become one by that.
     leave = ends[:, 0] * (1 << 32) + ends[:, 1]
     reach = ends[:, 2] * (1 << 32) + ends[:, 3]
     return bool(np.array_equal(np.sort(leave), np.sort(reach)))

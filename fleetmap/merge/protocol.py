@@ -10,6 +10,9 @@ from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 
+Frame = tuple[str, int, str]
+"""(robot, epoch, submap)."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
@@ -17,12 +20,13 @@ class Source:
 
     Parameters
     ----------
-    frame : (robot, epoch, submap); a name for reports, the merged map doesn't depend on it
+    frame : (robot, epoch, submap); for reports, and where maps lie too far from (0, 0) for the lattice, for the
+        choice of its origin (``merge.origin``). Nothing else of the merged map depends on it
     T_fleet_frame : start @ anchor, composed by the caller in integers
     vector_map : as its author published it
     """
 
-    frame: tuple[str, int, str]
+    frame: Frame
     T_fleet_frame: FixedPose
     vector_map: VectorMap
 
@@ -34,5 +38,5 @@ class Merger(Protocol):
     """
 
     def __call__(self, sources: Iterable[Source]) -> MergedMap:
-        """Merge; a source that can't be placed (see ``place.refusal``) is left out."""
+        """Merge; a source that can't be placed is left out: ``MergedMap.left_out`` says which and why."""
         ...

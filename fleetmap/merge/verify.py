@@ -45,7 +45,7 @@ def verify(
 
     Parameters
     ----------
-    sources : those that the fold took: what it left out (``refusal``) must not be among them
+    sources : those that the fold took: what it left out (``MergedMap.left_out``) must not be among them
     spacing : lattice steps between the points at which the laws 3 to 5 are tested along walls
     drawn : a grid that was drawn from the map, to be checked in place of ``merged.to_grid()``
 
@@ -84,21 +84,24 @@ def verify(
     found += check_accuracy(sources, merged, spacing)
     found += check_space(sources, merged)
     found += _check_drawn(merged, merged.to_grid() if drawn is None else drawn)
-    step_m = FLEET_UM * 1e-6
-    return [Violation(law, (float(x) * step_m, float(y) * step_m), reason) for law, y, x, reason in found]
+    step_m, (x0_m, y0_m) = FLEET_UM * 1e-6, (v * 1e-6 for v in merged.origin_um)
+    return [Violation(law, (x0_m + float(x) * step_m, y0_m + float(y) * step_m), reason) for law, y, x, reason in found]
 
 
 def _check_drawn(merged: MergedMap, drawn: OccupancyGrid) -> Iterator[Found]:
     """Places (law, y, x, reason), in lattice steps, where the drawn grid opens a wall."""
-    step_m = FLEET_UM * 1e-6
     rows = merged.edges.astype(np.int64)
+    origin_x, origin_y = merged.origin_um
     places = find_openings(
         rows[:, : X1 + 1],
         rows[:, LEFT],
         rows[:, RIGHT],
         np.where(merged.obstacle, rows[:, THICKNESS], -1),
-        cell=round(drawn.resolution_m / step_m),
-        origin_yx=(round(drawn.origin.y_m / step_m), round(drawn.origin.x_m / step_m)),
+        cell=round(drawn.resolution_m * 1e6 / FLEET_UM),
+        origin_yx=(
+            round((drawn.origin.y_m * 1e6 - origin_y) / FLEET_UM),
+            round((drawn.origin.x_m * 1e6 - origin_x) / FLEET_UM),
+        ),
         blocked=drawn.states_yx() == OCCUPIED,
     )
     for y, x in places.tolist():

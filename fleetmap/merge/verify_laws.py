@@ -11,6 +11,7 @@ from fleetmap.merge.protocol import Source
 from fleetmap.merge.verify_planar import Found
 from fleetmap.model.lattice import FREE
 from fleetmap.model.mergedmap import FLEET_UM, MergedMap
+from fleetmap.model.pose import Q30
 
 Floats = NDArray[np.float64]
 
@@ -23,8 +24,8 @@ MAX_SAMPLES = 200_000
 
 def check_accuracy(sources: list[Source], merged: MergedMap, spacing: int) -> Iterator[Found]:
     """Laws 3 and 5: walls of sources against merged walls, both ways."""
-    walls = np.concatenate([_segments(s)[_wall(s)] for s in sources] or [np.zeros((0, 2, 2))])
-    merged_walls = merged.segments_xy[merged.obstacle] / (FLEET_UM * 1e-6)
+    walls = np.concatenate([_segments(s, merged)[_wall(s)] for s in sources] or [np.zeros((0, 2, 2))])
+    merged_walls = _merged_segments(merged)[merged.obstacle]
     for law, from_walls, to_walls, what in (
         ("safety", walls, merged_walls, "a wall of a source"),
         ("accuracy", merged_walls, walls, "a merged wall"),
@@ -40,7 +41,7 @@ def check_space(sources: list[Source], merged: MergedMap) -> Iterator[Found]:
     """Free space, and law 4: what sources saw as free is free, and as far from walls."""
     from scipy.spatial import cKDTree
 
-    segments = [_segments(s) for s in sources]
+    segments = [_segments(s, merged) for s in sources]
     boundary = np.concatenate(segments or [np.zeros((0, 2, 2))])
     if len(boundary) == 0:
         return
@@ -58,7 +59,7 @@ def check_space(sources: list[Source], merged: MergedMap) -> Iterator[Found]:
         free |= (_winding(edges, (left == FREE).astype(int) - (right == FREE), xs, ys) > 0).ravel()
     sides = merged.edges[:, 4:6]
     jump = (sides[:, 0] == FREE).astype(int) - (sides[:, 1] == FREE)
-    merged_segments = merged.segments_xy / (FLEET_UM * 1e-6)
+    merged_segments = _merged_segments(merged)
     merged_free = (_winding(merged_segments, jump, xs, ys) > 0).ravel()
 
     margin = merged.tolerance + ROUNDING
@@ -78,9 +79,19 @@ def check_space(sources: list[Source], merged: MergedMap) -> Iterator[Found]:
         yield "door", y, x, f"{clearance[k]:.1f} steps of free space around, but a merged wall {lost[k]:.1f} nearer"
 
 
-def _segments(source: Source) -> Floats:
-    """(n, 2, 2) ends (x, y) of a source's edges, in steps of the fleet lattice."""
-    return source.T_fleet_frame.to_pose().apply(source.vector_map.segments_xy) / (FLEET_UM * 1e-6)
+def _segments(source: Source, merged: MergedMap) -> Floats:
+    """(n, 2, 2) ends (x, y) of a source's edges, in steps of the fleet lattice from the merged map's origin."""
+    pose, points_um = source.T_fleet_frame, source.vector_map.segments_xy * 1e6
+    # By the integers of the pose: its angle would lose half a millimetre where a map lies 500 km from its frame.
+    c, s = pose.cos_q30 / Q30, pose.sin_q30 / Q30
+    x = c * points_um[..., 0] - s * points_um[..., 1] + (pose.x_um - merged.origin_um[0])
+    y = s * points_um[..., 0] + c * points_um[..., 1] + (pose.y_um - merged.origin_um[1])
+    return np.stack([x, y], axis=-1) / FLEET_UM
+
+
+def _merged_segments(merged: MergedMap) -> Floats:
+    """(n, 2, 2) ends (x, y) of the merged edges, in steps of the fleet lattice from the map's origin."""
+    return merged.edges[:, [1, 0, 3, 2]].reshape(-1, 2, 2).astype(np.float64)
 
 
 def _wall(source: Source) -> NDArray[np.bool_]:

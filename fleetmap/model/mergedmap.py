@@ -16,6 +16,15 @@ from fleetmap.model.pose import Pose2
 FLEET_UM = 5_000
 """One step of the fleet lattice: 5 mm."""
 
+ORIGIN_UM = 1_024_000_000
+"""Origins of merged maps lie on whole multiples of 1024 m: 204800 steps, and whole cells of most resolutions."""
+
+MAX_ORIGIN_UM = ORIGIN_UM << 14
+"""Farthest origin along one axis (16777 km): beyond all that poses and vector maps can name."""
+
+MAX_FLEET_COORDINATE = 1 << 21
+"""No |coordinate| of a merged map is larger, in lattice steps from its origin (10.5 km)."""
+
 Y0, X0, Y1, X1, LEFT, RIGHT, OBSTACLE, THICKNESS = range(8)
 """Columns of ``MergedMap.edges``."""
 
@@ -27,23 +36,31 @@ class MergedMap:
     Parameters
     ----------
     edges : (n, 8) int32 rows (y0, x0, y1, x1, left, right, obstacle, thickness) in steps of the fleet
-        lattice (``FLEET_UM``), ascending, (y0, x0) < (y1, x1). ``left`` and ``right`` are FREE, OCCUPIED or
-        UNKNOWN, seen from (y0, x0); ``obstacle`` is 1 for a wall. Equal sides are allowed on a wall that
-        was seen from both sides. ``thickness``, also in lattice steps, is how deep the wall is known to be
-        on its sides that are not free.
+        lattice (``FLEET_UM``) from its origin, ascending, (y0, x0) < (y1, x1). ``left`` and ``right`` are
+        FREE, OCCUPIED or UNKNOWN, seen from (y0, x0); ``obstacle`` is 1 for a wall. Equal sides are allowed
+        on a wall that was seen from both sides. ``thickness``, also in lattice steps, is how deep the wall is
+        known to be on its sides that are not free.
     resolution_um : the cell size of the finest source, for ``to_grid``'s default
     tolerance : how far a source obstacle may be from the merged one that stands for it, in lattice steps
+    origin_um : (x, y) micrometres, where the lattice begins in the component's frame; multiples of ``ORIGIN_UM``.
+        All that is in metres (``segments_xy``, ``bounds_m``, ``to_grid``) has it in already.
+    left_out : (frame, reason) of each source that the fold left out, ascending; neither in the bytes nor in files
     """
 
     edges: NDArray[np.int32]
     resolution_um: int = 50_000
     tolerance: int = 0
+    origin_um: tuple[int, int] = (0, 0)
+    left_out: tuple[tuple[tuple[str, int, str], str], ...] = ()
     digest: str = field(init=False)
 
     def __post_init__(self) -> None:
         rows = np.ascontiguousarray(self.edges, np.int32)
         if rows.ndim != 2 or rows.shape[1] != 8:
             raise MapFormatError(path="<array>", field="edges", reason=f"expected (n, 8); found {rows.shape}")
+        if any(v % ORIGIN_UM or abs(v) > MAX_ORIGIN_UM for v in self.origin_um):
+            reason = f"expected multiples of {ORIGIN_UM} um up to {MAX_ORIGIN_UM}; found {self.origin_um}"
+            raise MapFormatError(path="<array>", field="origin_um", reason=reason)
         object.__setattr__(self, "edges", rows)
         object.__setattr__(self, "digest", hashlib.sha256(self.to_bytes()).hexdigest()[:16])
 
@@ -51,8 +68,12 @@ class MergedMap:
         return len(self.edges)
 
     def to_bytes(self) -> bytes:
-        """The canonical bytes that law 0 speaks of: header and edges, little-endian int32."""
-        header = np.array([self.resolution_um, self.tolerance, len(self.edges)], "<i4")
+        """The canonical bytes that law 0 speaks of: header and edges, little-endian int32.
+
+        The origin is in the header if it isn't (0, 0): two numbers more, so that no bytes mean two maps.
+        """
+        origin = [v // ORIGIN_UM for v in self.origin_um] if any(self.origin_um) else []
+        header = np.array([self.resolution_um, self.tolerance, len(self.edges), *origin], "<i4")
         return header.tobytes() + self.edges.astype("<i4").tobytes()
 
     @property
@@ -71,6 +92,7 @@ class MergedMap:
     def segments_xy(self) -> NDArray[np.float64]:
         """(n, 2, 2) metres: endpoints (x, y) of the edges in the component's frame."""
         points = self.edges[:, [X0, Y0, X1, Y1]].reshape(-1, 2, 2).astype(np.float64)
+        points += np.array(self.origin_um) // FLEET_UM
         return points * (FLEET_UM / 1e6)
 
     def bounds_m(self) -> tuple[float, float, float, float]:
@@ -84,8 +106,8 @@ class MergedMap:
     def to_grid(self, resolution_m: float | None = None) -> OccupancyGrid:
         """The map as cells, for a costmap: blocked, free and unknown as the merging laws define them.
 
-        Cell corners lie on whole multiples of ``resolution_m`` (default: the finest source's), so that grids
-        of two revisions can be compared cell by cell.
+        Cell corners lie on whole multiples of ``resolution_m`` (default: the finest source's) in the component's
+        frame, wherever the map's own origin lies, so that grids of two revisions can be compared cell by cell.
 
         Raises
         ------
@@ -98,9 +120,13 @@ class MergedMap:
             raise MapFormatError(
                 path="<merged map>", field="resolution_m", reason=f"expected at least {FLEET_UM / 1e6} m"
             )
-        states, low_yx = merged_states(self.edges, step)
+        # The origin in whole cells, and what is left of it in steps, which is added to the edges.
+        (cells_x, left_x), (cells_y, left_y) = (divmod(v // FLEET_UM, step) for v in self.origin_um)
+        edges = self.edges + np.array([left_y, left_x, left_y, left_x, 0, 0, 0, 0], np.int32)
+        states, (low_y, low_x) = merged_states(edges, step)
         cell_m = step * FLEET_UM / 1e6
-        return OccupancyGrid.from_states(states, cell_m, Pose2(low_yx[1] * cell_m, low_yx[0] * cell_m))
+        origin = Pose2((cells_x + low_x) * cell_m, (cells_y + low_y) * cell_m)
+        return OccupancyGrid.from_states(states, cell_m, origin)
 
 
 __all__ = ["FLEET_UM", "FREE", "OCCUPIED", "UNKNOWN", "MergedMap"]

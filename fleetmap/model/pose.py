@@ -71,7 +71,9 @@ class FixedPose:
 
     def __post_init__(self) -> None:
         if max(abs(self.x_um), abs(self.y_um)) > MAX_UM:
-            raise ConfigError(option="pose", value=(self.x_um, self.y_um), reason=f"at most {MAX_UM} um from 0")
+            place_m = self.x_um / 1e6, self.y_um / 1e6
+            reason = f"expected x and y of at most {MAX_UM / 1e6:.0f} m: poses travel as whole micrometres up to 2^40"
+            raise ConfigError(option="pose", value=place_m, reason=reason)
         # A rotation that is off by more than rounding would scale the map.
         if abs(self.cos_q30**2 + self.sin_q30**2 - Q30**2) > Q30 << 3:
             raise ConfigError(option="pose", value=(self.cos_q30, self.sin_q30), reason="no rotation in Q30")

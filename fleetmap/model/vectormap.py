@@ -59,12 +59,23 @@ class VectorMap:
     are put together when they are first asked for.
     """
 
-    __slots__ = ("__weakref__", "_digest", "_edges", "_thickness", "bands", "epsilon_cells", "lattice", "profile")
+    __slots__ = (
+        "__weakref__",
+        "_bounds",
+        "_digest",
+        "_edges",
+        "_thickness",
+        "bands",
+        "epsilon_cells",
+        "lattice",
+        "profile",
+    )
 
     lattice: Lattice
     epsilon_cells: float
     profile: str
     bands: Bands
+    _bounds: tuple[int, int, int, int] | None
     _digest: int | None
     _edges: NDArray[np.int32] | None
     _thickness: NDArray[np.uint8] | None
@@ -115,6 +126,7 @@ class VectorMap:
         put(self, "bands", bands)
         put(self, "epsilon_cells", epsilon_cells)
         put(self, "profile", profile)
+        put(self, "_bounds", None)
         put(self, "_digest", digest)
         put(self, "_edges", None)
         put(self, "_thickness", None)
@@ -145,6 +157,16 @@ class VectorMap:
             thickness = self.bands.rows()[:, 5].astype(np.uint8)
             object.__setattr__(self, "_thickness", thickness)
         return thickness
+
+    @property
+    def bounds_yx(self) -> tuple[int, int, int, int] | None:
+        """(y0, x0, y1, x1) least and largest lattice coordinates; None for a map without edges."""
+        if self._bounds is None and len(self):
+            low = np.min([part[:, :4].min(axis=0) for part in self.bands.parts], axis=0)
+            high = np.max([part[:, :4].max(axis=0) for part in self.bands.parts], axis=0)
+            bounds = (int(low[0]), int(min(low[1], low[3])), int(high[2]), int(max(high[1], high[3])))
+            object.__setattr__(self, "_bounds", bounds)
+        return self._bounds
 
     @property
     def digest(self) -> int:

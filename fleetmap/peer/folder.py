@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +13,8 @@ from fleetmap.engine import Changed
 from fleetmap.engine.view import View
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
+
+logger = logging.getLogger(__name__)
 
 FOLD_SHARE = 3.0
 """After a fold that took t, the next one that nobody waits for starts at least this many times t later."""
@@ -21,16 +25,21 @@ class Folder:
 
     Parameters
     ----------
+    robot : whose the merged map is, for the log
     look : gives what is to be folded now
     interval_s : at least so long between two folds that nobody waits for
     clock : seconds, only ever growing
     """
 
-    def __init__(self, look: Callable[[], Awaitable[View]], *, interval_s: float, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, robot: str, look: Callable[[], Awaitable[View]], *, interval_s: float, clock: Callable[[], float]
+    ) -> None:
         self.merged = MergedMap(np.zeros((0, 8), np.int32))
         self.revisions: RevisionVector = ()
         self.readers: set[ChangeQueue] = set()
         self._look, self._interval_s, self._clock = look, interval_s, clock
+        self._robot = robot
+        self._told: set[str] = set()
         self._events: list[Changed] = []
         self._turn, self._dirty = asyncio.Lock(), asyncio.Event()
 
@@ -50,8 +59,11 @@ class Folder:
                 if view.revisions != self.revisions:
                     from fleetmap.merge import fold
 
-                    self.merged = await asyncio.to_thread(fold, view.sources)
-                    self.revisions = view.revisions
+                    merged = await asyncio.to_thread(fold, view.sources)
+                    if view.left_out:
+                        merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
+                    self.merged, self.revisions = merged, view.revisions
+                    self._tell_left_out()
             except BaseException:
                 # Who waited gave up: the readers still want to know.
                 self._events = events + self._events
@@ -68,6 +80,18 @@ class Folder:
             began_s = self._clock()
             await self.refresh()
             await asyncio.sleep(max(self._interval_s, FOLD_SHARE * (self._clock() - began_s)))
+
+    def _tell_left_out(self) -> None:
+        """Log whose maps are left out of the merged one, a line a robot, until all of that robot's are in it again."""
+        reasons: dict[str, list[str]] = {}
+        for (robot, epoch, submap), reason in self.merged.left_out:
+            reasons.setdefault(robot, []).append(f"submap {submap} (epoch {epoch}): {reason}")
+        for robot in reasons.keys() - self._told:
+            whose = "the own map" if robot == self._robot else f"the map of {robot}"
+            first, *more = reasons[robot]
+            rest = f"; and {len(more)} more" if more else ""
+            logger.warning("%s: left out of the merged map: %s, %s%s", self._robot, whose, first, rest)
+        self._told = set(reasons)
 
     def close(self) -> None:
         """Tell the readers that no more will come."""

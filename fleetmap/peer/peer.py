@@ -95,7 +95,7 @@ class Peer:
         # Checks the names now, and not when the link is open.
         self._engine = self._make_engine(epoch=1)
         self._publisher = GridPublisher(self._ledger, baselines=baselines)
-        self._folder = Folder(self._look, interval_s=fold_interval_s, clock=clock)
+        self._folder = Folder(robot, self._look, interval_s=fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
         self.stepped, self._steps = asyncio.Condition(), 0
         self._tasks: list[asyncio.Task[None]] = []
@@ -185,7 +185,9 @@ class Peer:
         ------
         NameInUse : another living peer turned out to have this name, and was first
         LinkError : the peer is closed
-        ConfigError, MapFormatError : the map or a name is not what it must be
+        ConfigError, MapFormatError : the map or a name is not what it must be; or the map would extend farther than
+            5243 m, by itself or together with another map of its component: more than the fleet lattice holds.
+            Wherever that lies: 500 km from the origin are fine
         """
         self._check()
         fixed = FixedPose.from_pose(anchor or Pose2())
@@ -202,7 +204,13 @@ class Peer:
         await self._run(self._engine.set_goal, goal_xy)
 
     async def set_start(self, start: Pose2 | None) -> None:
-        """Announce where the own map frame lies in the fleet's."""
+        """Announce where the own map frame lies in the fleet's.
+
+        Raises
+        ------
+        ConfigError : it is more than 1099 km from the origin, or the own maps would extend farther than 5243 m together
+            with another map of the component
+        """
         self._check()
         await self._run(self._engine.set_start, None if start is None else FixedPose.from_pose(start))
 

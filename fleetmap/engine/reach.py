@@ -1,0 +1,111 @@
+"""Whether a map may be said: it must find its place in the merged map, and put no other robot's out of it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from functools import reduce
+from operator import or_
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.engine.stream import Stream
+from fleetmap.engine.view import others, sources_of
+from fleetmap.merge.fold import canonical
+from fleetmap.merge.origin import MAX_EXTENT, Box, in_metres
+from fleetmap.merge.place import to_fleet
+from fleetmap.merge.protocol import Source
+from fleetmap.model.errors import ConfigError
+
+_rough_boxes: WeakKeyDictionary[Stream, Box | None] = WeakKeyDictionary()
+"""See ``rough_box``: most streams stay as they are between two of the own steps."""
+
+LIMIT = (
+    f"the maps of a component may extend {in_metres(MAX_EXTENT)} along each axis, "
+    "which is what the fleet lattice of 5 mm holds"
+)
+
+
+def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap: str | None = None) -> None:
+    """Check the step of the own stream to ``after``: its start if ``submap`` is None, else that submap.
+
+    Parameters
+    ----------
+    before : what the own stream says now
+    held : all streams that are held
+
+    Raises
+    ------
+    ConfigError : a map would extend farther than ``MAX_EXTENT``, by itself or together with another of the component.
+        Maps that the merged one leaves out now and would leave out then don't count: who puts one far away can't
+        silence the others.
+    """
+
+    def refuse(reason: str) -> ConfigError:
+        start = after.header.start
+        if submap is not None:
+            return ConfigError(option="submap", value=submap, reason=reason)
+        return ConfigError(option="start", value=start and start.to_pose(), reason=reason)
+
+    own, unplaced = sources_of([after])
+    for _, reason in unplaced:
+        raise refuse(reason)
+    for source in own:
+        try:
+            source.T_fleet_frame @ source.vector_map.lattice.T_frame_lattice
+        except ConfigError as error:
+            raise refuse(f"start, anchor and origin together: {error}") from error
+
+    # 1. Mostly all lies together, and no edge need be looked at.
+    rest = others(after.header, held, before)
+    boxes = [box for stream in (after, *rest) if (box := rough_box(stream)) is not None]
+    if not boxes or reduce(or_, boxes).extent <= MAX_EXTENT:
+        return
+
+    # 2. Each map of the step, by itself and with the other own ones.
+    exact = {s.frame: Box.of(_points(s)) for s in own if len(s.vector_map)}
+    step = {frame: box for frame, box in exact.items() if submap in (None, frame[2])}
+    for frame, box in step.items():
+        if box.extent > MAX_EXTENT:
+            raise refuse(f"submap {frame[2]} extends {in_metres(box.extent)}; {LIMIT}")
+        for other, there in exact.items():
+            if (extent := (box | there).extent) > MAX_EXTENT:
+                raise refuse(f"submaps {frame[2]} and {other[2]} together extend {in_metres(extent)}; {LIMIT}")
+
+    # 3. With those that are in the merged map now, or would be.
+    sources = sources_of(rest)[0]
+    now, then = (canonical([*sources, *those]) for those in (sources_of([before])[0], own))
+    kept = {frame for found in (now, then) for frames in found.frames for frame in frames}
+    for source in sources:
+        if source.frame not in kept or not len(source.vector_map):
+            continue
+        there = Box.of(_points(source))
+        for box in step.values():
+            if (extent := (box | there).extent) > MAX_EXTENT:
+                robot, epoch, name = source.frame
+                raise refuse(
+                    f"together with submap {name} of {robot} (epoch {epoch}) it extends {in_metres(extent)}; {LIMIT}. "
+                    f"Is the start right? If the other map is wrong, forget({robot!r}) drops it"
+                )
+
+
+def rough_box(stream: Stream) -> Box | None:
+    """Where the maps of a stream lie at most, by the corners around each; None if there are none."""
+    if stream not in _rough_boxes:
+        boxes = []
+        for source in sources_of([stream])[0]:
+            bounds = source.vector_map.bounds_yx
+            if bounds is not None:
+                y0, x0, y1, x1 = bounds
+                corners = np.array([(y0, x0), (y0, x1), (y1, x0), (y1, x1)])
+                with contextlib.suppress(ConfigError):  # nobody can place it
+                    boxes.append(Box.of(to_fleet(source.T_fleet_frame, source.vector_map.lattice, corners)))
+        _rough_boxes[stream] = reduce(or_, boxes) if boxes else None
+    return _rough_boxes[stream]
+
+
+def _points(source: Source) -> NDArray[np.int64]:
+    points = source.vector_map.edges[:, :4].astype(np.int64).reshape(-1, 2)
+    return to_fleet(source.T_fleet_frame, source.vector_map.lattice, points)
