@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from fleetmap.codecs.fmap import load_fmap, save_fmap
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.lattice import Lattice
-from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.mergedmap import ORIGIN_UM, MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 
@@ -39,12 +40,43 @@ def test_a_vector_map_comes_back(tmp_path: Path) -> None:
     assert np.array_equal(back.thickness, VECTOR.thickness)
 
 
-@pytest.mark.parametrize("merged", [MERGED, MergedMap(np.zeros((0, 8), np.int32))])
+FAR = MergedMap(
+    MERGED.edges, 20_000, 13, origin_um=(488 * ORIGIN_UM, -3 * ORIGIN_UM), left_out=((("a", 1, "0"), "why"),)
+)
+ORDINARY = (
+    "464d415095010293cd4e200d03c414e31460e09461906460146191e7e164d260600000cf12ed1f96b91a387c",
+    [(-5, -5, 20, 5, 0, 1, 1, 40), (3, 9, 3, 11, 0, 0, 1, 0), (3, 9, 4, -7, 2, 0, 0, 0)],
+)
+"""The bytes of a merged map whose origin is (0, 0), as they have been before there were others."""
+
+
+@pytest.mark.parametrize("merged", [MERGED, FAR, MergedMap(np.zeros((0, 8), np.int32))])
 def test_a_merged_map_comes_back(tmp_path: Path, merged: MergedMap) -> None:
     save_fmap(merged, tmp_path / "m.fmap")
     back = load_fmap(tmp_path / "m.fmap")
     assert isinstance(back, MergedMap)
     assert back.to_bytes() == merged.to_bytes()
+    assert back.origin_um == merged.origin_um
+    assert np.array_equal(back.segments_xy, merged.segments_xy)
+
+
+def test_an_origin_of_0_takes_no_bytes(tmp_path: Path) -> None:
+    path, merged = tmp_path / "m.fmap", MergedMap(np.array(ORDINARY[1], np.int32), 20_000, 13)
+    save_fmap(merged, path)
+    assert path.read_bytes().hex() == ORDINARY[0]
+    assert load_fmap(path).digest == "12ed1f96b91a387c" == merged.digest
+
+
+@pytest.mark.parametrize(
+    "about", [[20_000, 13, 3, 1], [20_000, 13, 3, 0, 0], [20_000, 13, 3, 1, 1 << 15], [1, 2, 3, "x", 1]]
+)
+def test_an_origin_that_is_none_is_refused(tmp_path: Path, about: list[object]) -> None:
+    path = tmp_path / "m.fmap"
+    save_fmap(FAR, path)
+    version, kind, _, columns, digest = msgpack.unpackb(path.read_bytes()[4:])
+    path.write_bytes(b"FMAP" + msgpack.packb([version, kind, about, columns, digest]))
+    with pytest.raises(MapFormatError, match=r"m\.fmap"):
+        load_fmap(path)
 
 
 def test_a_file_that_is_replaced_is_never_half_written(tmp_path: Path) -> None:
@@ -56,7 +88,7 @@ def test_a_file_that_is_replaced_is_never_half_written(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@given(st.sampled_from([VECTOR, MERGED]), st.data())
+@given(st.sampled_from([VECTOR, MERGED, FAR]), st.data())
 def test_a_damaged_file_is_refused(
     tmp_path_factory: pytest.TempPathFactory, fleet_map: VectorMap | MergedMap, data: st.DataObject
 ) -> None:

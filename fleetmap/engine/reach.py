@@ -76,7 +76,9 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
 
     # 3. With those that are in the merged map now, or would be.
     sources = sources_of(rest)[0]
-    now, then = (canonical([*sources, *those]) for those in (sources_of([before])[0], own))
+    was_there = before.header.start is not None and before.header.level == after.header.level
+    own_now = sources_of([before])[0] if was_there else []
+    now, then = (canonical([*sources, *those]) for those in (own_now, own))
     kept = {frame for found in (now, then) for frames in found.frames for frame in frames}
     for source in sources:
         if source.frame not in kept or not len(source.vector_map):

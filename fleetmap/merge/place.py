@@ -18,10 +18,12 @@ from fleetmap.model.errors import ConfigError, MapFormatError
 from fleetmap.model.lattice import FREE, OCCUPIED, Lattice
 from fleetmap.model.mergedmap import FLEET_UM
 from fleetmap.model.pose import FixedPose
-from fleetmap.model.vectormap import THICKNESS_PER_CELL
+from fleetmap.model.vectormap import THICKNESS_PER_CELL, VectorMap
 
 MAX_LENGTH = 1 << 16
 """Longest edge along one axis, in lattice steps (328 m): intersections then fit 55 bits (arrange_kernels)."""
+
+NOT_CLOSED = "the boundary of free space is not closed, so that no side of it can be told to be free"
 
 MAX_THICKNESS = 1 << 14
 """Deepest wall, in lattice steps (82 m): a bound for what another robot may claim."""
@@ -76,7 +78,6 @@ def place(source: Source) -> Placed:
     vector_map = source.vector_map
     lattice = vector_map.lattice
     rows = vector_map.edges.astype(np.int64)
-    left, right = np.divmod(rows[:, 4], 3)
     try:
         points = to_fleet(source.T_fleet_frame, lattice, rows[:, :4].reshape(-1, 2))
     except ConfigError as error:
@@ -84,13 +85,9 @@ def place(source: Source) -> Placed:
     if len(points) and (extent := Box.of(points).extent) > MAX_EXTENT:
         raise _refuse(source, "edges", f"extends {in_metres(extent)}; at most {in_metres(MAX_EXTENT)}")
 
-    ends = points.reshape(-1, 4)
-    turned = (right == FREE) | ((left == OCCUPIED) & (right != FREE))
-    ends[turned] = ends[turned][:, [2, 3, 0, 1]]
-    winds = ((left == FREE) | (right == FREE)).astype(np.int64)
-    wall = ((left == OCCUPIED) | (right == OCCUPIED)).astype(np.int64)
+    ends, winds, wall = directed(points.reshape(-1, 4), rows[:, 4])
     if not is_closed(ends[winds == 1]):
-        raise _refuse(source, "edges", "the boundary of free space is not closed")
+        raise _refuse(source, "edges", NOT_CLOSED)
 
     steps = vector_map.thickness.astype(np.int64) * lattice.resolution_um
     thickness = np.minimum(-(-steps // (THICKNESS_PER_CELL * FLEET_UM)), MAX_THICKNESS) * wall
@@ -134,6 +131,30 @@ def to_fleet(T_fleet_frame: FixedPose, lattice: Lattice, points_yx: NDArray[np.i
     y0 = _round_div(pose.y_um << 30, FLEET_UM) + (1 << 29)
     y, x = points_yx[:, 0], points_yx[:, 1]
     return np.column_stack([(sin * x + cos * y + y0) >> 30, (cos * x - sin * y + x0) >> 30])
+
+
+def directed(
+    ends: NDArray[np.int64], labels: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Edges (n, 4), lower end first, turned so that free space is on their left: ``ends``, ``winds``, ``wall``."""
+    left, right = np.divmod(labels, 3)
+    turned = (right == FREE) | ((left == OCCUPIED) & (right != FREE))
+    winds = ((left == FREE) | (right == FREE)).astype(np.int64)
+    wall = ((left == OCCUPIED) | (right == OCCUPIED)).astype(np.int64)
+    return np.where(turned[:, None], ends[:, [2, 3, 0, 1]], ends), winds, wall
+
+
+def check_closed(vector_map: VectorMap, *, path: str) -> None:
+    """Check what ``place`` asks of a map by itself.
+
+    Raises
+    ------
+    MapFormatError : the boundary of its free space is not closed
+    """
+    rows = vector_map.edges.astype(np.int64)
+    ends, winds, _ = directed(rows[:, :4], rows[:, 4])
+    if not is_closed(ends[winds == 1]):
+        raise MapFormatError(path=path, field="edges", reason=NOT_CLOSED)
 
 
 def is_closed(ends: NDArray[np.int64]) -> bool:

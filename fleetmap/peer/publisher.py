@@ -48,6 +48,10 @@ class GridPublisher:
     ) -> bool:
         async with self._turn:
             if isinstance(source, VectorMap):
+                from fleetmap.merge.place import check_closed
+
+                # The fold of every peer would leave a torn map out; what is vectorized here never is.
+                await asyncio.to_thread(check_closed, source, path=f"submap {submap}")
                 return await send(submap, source)
             vector_map = await asyncio.to_thread(self._vectorize, submap, source)
             sent = await send(submap, vector_map)
