@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetmap.engine import Engine, Put, Submap
+from fleetmap.engine.quota import Quota
 from fleetmap.engine.view import view
 from fleetmap.merge import fold
 from fleetmap.merge.origin import MAX_EXTENT, ORIGIN_STEPS
@@ -120,6 +121,32 @@ def test_a_single_robot_far_away_silences_nobody(far_m: float, name: str) -> Non
     assert [frame for frame, _ in merged[0].left_out] == [(name, 1, "0")]
     with pytest.raises(ConfigError, match="submap 0 of a"):
         bad.publish("0", square(22))
+
+
+def test_a_step_away_from_the_others_that_would_leave_the_own_map_out_is_refused() -> None:
+    """While both lie far apart one of two is left out, at 0 never; who moves from there may not become that one."""
+    a, z = fleet(a=(500e3, 0.0), z=(0.0, 0.0))
+    assert [frame[0] for frame, _ in fold(view(z).sources).left_out] == ["a"]
+    with pytest.raises(ConfigError, match="submap 0 of a"):
+        z.set_start(fixed(600e3))
+    assert z.set_start(fixed(500e3 - 5.0))
+    hand_over(z, a)
+    assert fold(view(a).sources).left_out == ()
+
+
+def test_maps_that_wait_for_the_quota_count() -> None:
+    a = Engine("a", start=fixed(0.0))
+    a.publish("0", square())
+    b = Engine("b", start=fixed(0.0), quota=Quota(max_rate_hz=0.1))
+    hand_over(a, b)
+    assert b.publish("0", square())
+    assert b.publish("1", square(), anchor=fixed(5000.0))
+    assert b.own.submaps.keys() == {"0"}
+    with pytest.raises(ConfigError, match=r"submap 0 of a"):
+        b.set_start(fixed(1000.0))
+    with pytest.raises(ConfigError, match=r"submaps 2 and 1"):
+        b.publish("2", square(), anchor=fixed(-1000.0))
+    assert b.set_start(fixed(-1000.0))
 
 
 def test_together_beyond_what_poses_hold_is_refused() -> None:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleetmap.merge.arrange import arrange, bands, lower_end_first, unique_edges, unique_points
+from fleetmap.merge.origin import MAX_REACH
 from fleetmap.merge.place import MAX_LENGTH, Placed, is_closed, pair_cell, split_long, to_fleet
 from fleetmap.merge.verify_planar import check_crossings
 from fleetmap.model.lattice import MAX_COORDINATE, Lattice
@@ -96,7 +97,7 @@ far_points = st.tuples(st.integers(0, MAX_LENGTH), st.integers(0, MAX_LENGTH)) |
 def test_crossings_are_exact_at_the_largest_lengths_and_coordinates(points, sign_y, sign_x):
     from fleetmap.merge.arrange_kernels import crossings
 
-    far = np.array([sign_y, sign_x]) * (MAX_COORDINATE - MAX_LENGTH)
+    far = np.array([sign_y, sign_x]) * (MAX_REACH - MAX_LENGTH)
     a, b, c, d = (tuple(int(v) for v in np.array(p) * (sign_y, sign_x) + far) for p in points)
     if a == b or c == d:
         return
@@ -199,7 +200,7 @@ def test_distances_to_a_segment_are_exact_at_the_bounds(reach):
     rng = np.random.default_rng(reach)
     hits = 0
     for _ in range(300):
-        ay, ax = (int(v) for v in rng.integers(-MAX_COORDINATE, MAX_COORDINATE - MAX_LENGTH, 2))
+        ay, ax = (int(v) for v in rng.integers(-MAX_REACH, MAX_REACH - MAX_LENGTH, 2))
         by, bx = ay + int(rng.integers(0, MAX_LENGTH + 1)), ax + int(rng.integers(0, MAX_LENGTH + 1))
         t, off = rng.uniform(-0.1, 1.1), rng.integers(-2 * reach, 2 * reach + 1, 2)
         py, px = int(ay + t * (by - ay)) + int(off[0]), int(ax + t * (bx - ax)) + int(off[1])
