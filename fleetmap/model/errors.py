@@ -8,12 +8,15 @@ FleetmapError
 ├── ConfigError      an option has an impossible value
 └── NoPath           a planner has no path; ``status`` says why
 
-MapWarning           a map file is legal, but says something that its author hardly meant
+MapWarning           a map is legal, but says something that its author hardly meant
 """
 
 from __future__ import annotations
 
 from pathlib import Path
+
+MAX_SHOWN = 120
+"""So many characters of a refused value are shown in its error."""
 
 
 class FleetmapError(Exception):
@@ -29,7 +32,7 @@ class MapFormatError(FleetmapError, ValueError):
 
 
 class MapWarning(UserWarning):
-    """A map file is legal, but read by the letter it says something that its author hardly meant."""
+    """A map is legal, but read by the letter it says something that its author hardly meant."""
 
 
 class WireError(FleetmapError, ValueError):
@@ -64,7 +67,13 @@ class ConfigError(FleetmapError, ValueError):
 
     def __init__(self, *, option: str, value: object, reason: str) -> None:
         self.option, self.value, self.reason = option, value, reason
-        super().__init__(f"{option}={value!r}: {reason}")
+        super().__init__(f"{option}={_shown(value)}: {reason}")
+
+
+def _shown(value: object) -> str:
+    """A value on one line: an array that was handed in by mistake would fill the screen."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
 
 
 class NoPath(FleetmapError):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fleetmap.model.checks import as_number
 from fleetmap.model.errors import ConfigError
 
 Q30 = 1 << 30
@@ -19,7 +20,8 @@ MAX_UM = 1 << 40
 class Pose2:
     """A pose, or the transform ``T_a_b`` that maps coordinates of frame b into frame a.
 
-    Metres and radians, right-handed, yaw counter-clockwise from x (REP-103).
+    Metres and radians, right-handed, yaw counter-clockwise from x (REP-103). Numbers of any type become floats; a
+    bool, a string, NaN or infinity is a ConfigError.
 
     >>> Pose2(1.0, 0.0, math.pi / 2).apply([[2.0, 0.0]]).round(6).tolist()
     [[1.0, 2.0]]
@@ -30,8 +32,13 @@ class Pose2:
     yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(v) for v in (self.x_m, self.y_m, self.yaw_rad)):
-            raise ConfigError(option="pose", value=(self.x_m, self.y_m, self.yaw_rad), reason="must be finite")
+        given = (self.x_m, self.y_m, self.yaw_rad)
+        for name, value in zip(("x_m", "y_m", "yaw_rad"), given, strict=True):
+            number = as_number(value)
+            if number is None:
+                reason = "expected three finite numbers: x_m, y_m, yaw_rad"
+                raise ConfigError(option="pose", value=given, reason=reason)
+            object.__setattr__(self, name, number)
 
     def __matmul__(self, other: Pose2) -> Pose2:
         """``T_a_c = T_a_b @ T_b_c``."""

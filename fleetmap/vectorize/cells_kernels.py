@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
 
-@njit("void(i1[:,::1], u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+# The cells of a grid are read-only, which numba has no short notation for.
+@njit("void(Array(i1, 2, 'C', readonly=True), u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
 def read_states(
     cells: NDArray[np.int8], states: NDArray[np.uint8], low_y: int, low_x: int, free: int, occupied: int
 ) -> None:

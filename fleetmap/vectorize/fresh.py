@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
+from fleetmap.model.grid import OccupancyGrid
 from fleetmap.vectorize.arcs import Arcs
 from fleetmap.vectorize.store import Store
-
-FREE_PERCENT, OCCUPIED_PERCENT = int(FREE_THRESHOLD * 100), int(OCCUPIED_THRESHOLD * 100)
 
 APART_CELLS = 6
 """A free speck stays where no larger free space is that near: dropping those that lie apart costs UPDF. (On 21 real
@@ -23,7 +21,7 @@ def read_grid(grid: OccupancyGrid, store: Store, shift_yx: tuple[int, int]) -> t
     states, cracks = store.states, store.cracks
     height, width = states.shape
     y, x = shift_yx[0] - store.low_yx[0], shift_yx[1] - store.low_yx[1]
-    read_states(grid.cells_yx, states, y, x, FREE_PERCENT, OCCUPIED_PERCENT)
+    read_states(grid.cells_yx, states, y, x, *grid.limits)
     store.raw[:] = states
     find_cracks(states, cracks, 1, 1, height, width)
     room = 1 << 14

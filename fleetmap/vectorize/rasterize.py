@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fleetmap.model.checks import check_type
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.pose import Pose2
 from fleetmap.model.raster import vector_map_states
@@ -19,11 +20,13 @@ def rasterize(vector_map: VectorMap, *, like: OccupancyGrid | None = None) -> Oc
 
     Raises
     ------
-    ConfigError : ``like`` has another resolution or yaw than the map
+    ConfigError : ``like`` has another resolution or yaw than the map, or one of them is something else
     MapFormatError : the map is too large
     """
+    check_type("vector_map", vector_map, VectorMap, hint="a MergedMap has .to_grid()")
     lattice = vector_map.lattice
     if like is not None:
+        check_type("like", like, OccupancyGrid)
         low_yx, phase_yx = place_on_lattice(like, lattice)
         shape = like.height, like.width
         states, _ = vector_map_states(vector_map, low_yx=low_yx, shape=shape, phase_yx=phase_yx)

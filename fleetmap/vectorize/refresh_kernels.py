@@ -10,7 +10,12 @@ from fleetmap.vectorize.cells_kernels import find_cracks
 from fleetmap.vectorize.speck_kernels import fill_specks
 
 
-@njit("i8(i1[:,::1], i8, i8, u1[:,::1], i8, i8, i8, i8, i8, i8, i8[:,::1])", cache=True, nogil=True)
+# The cells of a grid are read-only, which numba has no short notation for.
+@njit(
+    "i8(Array(i1, 2, 'C', readonly=True), i8, i8, u1[:,::1], i8, i8, i8, i8, i8, i8, i8[:,::1])",
+    cache=True,
+    nogil=True,
+)
 def read_changes(
     cells: NDArray[np.int8],
     low_y: int,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.errors import ConfigError
+from fleetmap.model.checks import check_count
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.vectorize.fresh import APART_CELLS, read_grid
 from fleetmap.vectorize.store import Store
@@ -16,10 +16,9 @@ SPECK_CELLS = 12
 MAX_SPECK_CELLS = 10_000
 
 
-def check_specks(specks: int) -> None:
-    """ConfigError if that can't be the largest size of a speck."""
-    if not 0 <= specks <= MAX_SPECK_CELLS:
-        raise ConfigError(option="specks", value=specks, reason=f"expected 0 to {MAX_SPECK_CELLS} cells")
+def check_specks(specks: int) -> int:
+    """The largest size of a speck; ConfigError if that can't be one."""
+    return check_count("specks", specks, most=MAX_SPECK_CELLS, unit=" cells")
 
 
 def drop_specks(grid: OccupancyGrid, specks: int = SPECK_CELLS) -> OccupancyGrid:

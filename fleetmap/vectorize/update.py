@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import OCCUPIED, UNKNOWN
 from fleetmap.vectorize.arcs import Arcs
-from fleetmap.vectorize.fresh import APART_CELLS, FREE_PERCENT, OCCUPIED_PERCENT
+from fleetmap.vectorize.fresh import APART_CELLS
 from fleetmap.vectorize.phase import SIXTEENTHS
 from fleetmap.vectorize.store import Store
 
@@ -57,7 +57,7 @@ def refresh_states(
     spans = np.empty((len(store.states), 2), np.int64)
     found = read_changes(
         grid.cells_yx, shift_yx[0] - oy, shift_yx[1] - ox, store.raw,
-        window[0] - oy, window[1] - ox, window[2] - oy, window[3] - ox, FREE_PERCENT, OCCUPIED_PERCENT, spans,
+        window[0] - oy, window[1] - ox, window[2] - oy, window[3] - ox, *grid.limits, spans,
     )  # fmt: skip
     if found == 0:
         return None, (0, 0)

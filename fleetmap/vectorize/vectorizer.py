@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import operator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import check_number, check_type
 from fleetmap.model.delta import MapDelta, apply
 from fleetmap.model.errors import ConfigError
+from fleetmap.model.graded import warn_of_lost_values, warn_of_thresholds
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import EPSILON_CELLS, Lattice
 from fleetmap.model.vectormap import VectorMap
@@ -41,14 +44,26 @@ class Vectorizer:
         speck is dropped
     epsilon_cells : error bound, 0.5 to 64 cells; sqrt(2) by default
     specks : free and unknown specks of at most so many cells are dropped, 12 by default; 0 keeps all
+    free_below, occupied_above : per cent, instead of those of the grids; see ``OccupancyGrid``
 
     Raises
     ------
     ConfigError : a parameter is out of its range, or given for the profile ``exact``, which has its own
+
+    Notes
+    -----
+    Warns once with ``MapWarning`` if a grid with values between 0 and 100 has hardly any cell that counts as free or as
+    occupied, and if the profile ``exact``, which keeps states alone, is given such values.
     """
 
     def __init__(
-        self, *, profile: str = "share", epsilon_cells: float | None = None, specks: int | None = None
+        self,
+        *,
+        profile: str = "share",
+        epsilon_cells: float | None = None,
+        specks: int | None = None,
+        free_below: float | None = None,
+        occupied_above: float | None = None,
     ) -> None:
         if profile not in PROFILES:
             raise ConfigError(option="profile", value=profile, reason=f"expected {', '.join(PROFILES)}")
@@ -61,18 +76,23 @@ class Vectorizer:
             self.epsilon_cells = math.sqrt(EXACT_EPSILON2) / SIXTEENTHS
         else:
             specks = SPECK_CELLS if specks is None else specks
-            self.epsilon_cells = EPSILON_CELLS if epsilon_cells is None else epsilon_cells
-            if not MIN_EPSILON_CELLS <= self.epsilon_cells <= MAX_EPSILON_CELLS:
-                raise ConfigError(
-                    option="epsilon_cells",
-                    value=epsilon_cells,
-                    reason=f"expected {MIN_EPSILON_CELLS} to {MAX_EPSILON_CELLS} cells",
-                )
+            self.epsilon_cells = check_number(
+                "epsilon_cells",
+                EPSILON_CELLS if epsilon_cells is None else epsilon_cells,
+                expected=f"{MIN_EPSILON_CELLS} to {MAX_EPSILON_CELLS} cells",
+                fits=lambda cells: MIN_EPSILON_CELLS <= cells <= MAX_EPSILON_CELLS,
+            )
             # Squared, in sixteenths; sqrt(2) gives exactly 2 cells squared, and nothing is rounded up.
             self.epsilon2 = math.floor(self.epsilon_cells**2 * SIXTEENTHS**2 + 1e-6)
-        check_specks(specks)
         self.profile = profile
-        self.specks = specks
+        self.specks = check_specks(specks)
+        for option, value in (("free_below", free_below), ("occupied_above", occupied_above)):
+            if value is not None:
+                check_number(option, value, expected="per cent, between 0 and 100", fits=lambda v: 0 < v < 100)
+        self.free_below, self.occupied_above = free_below, occupied_above
+        self._told = False
+        self.judged = False
+        """Whether a grid was large enough to tell if the thresholds suit it; a warning comes once."""
         self.lattice: Lattice | None = None
         self.dropped_specks = 0
         """Specks that the last update filled where it looked, and their cells:"""
@@ -86,6 +106,7 @@ class Vectorizer:
         self._map: VectorMap | None = None
         self._extent = (0, 0, 0, 0)
         self._phase_yx = (0, 0)
+        self._limits = (0, 0)
         self._store: Store | None = None
         self._fresh: Arcs | None = None
         """The arcs of the first map, until they are stored for the second."""
@@ -111,6 +132,8 @@ class Vectorizer:
         ConfigError : another resolution or yaw, or a phase that this epsilon is too small for: a new epoch (a
             new ``Vectorizer``) is needed; or a window that isn't one
         """
+        check_type("grid", grid, OccupancyGrid, hint="OccupancyGrid(cells_yx, resolution_m) makes one of an array")
+        grid = grid.with_thresholds(free_below=self.free_below, occupied_above=self.occupied_above)
         lattice = self.lattice or lattice_of(grid)
         shift_yx, phase_yx = place_on_lattice(grid, lattice)
         if phase_yx[0] ** 2 + phase_yx[1] ** 2 > self.epsilon2:
@@ -121,15 +144,18 @@ class Vectorizer:
             )
         extent = (*shift_yx, shift_yx[0] + grid.height, shift_yx[1] + grid.width)
         if changed_window is not None:
-            row0, column0, row1, column1 = changed_window
-            if not (0 <= row0 <= row1 <= grid.height and 0 <= column0 <= column1 <= grid.width):
-                reason = f"expected rows and columns of a grid of {grid.height} x {grid.width} cells"
-                raise ConfigError(option="changed_window", value=changed_window, reason=reason)
+            changed_window = _checked_window(changed_window, grid)
+            if grid.limits != self._limits:  # other thresholds change cells everywhere
+                changed_window = None
+        if not self.judged:
+            self.judged = warn_of_thresholds(grid)
+        if self.profile == "exact" and not self._told:
+            self._told = warn_of_lost_values(grid, "the profile exact")
         if self._map is None:
             self._begin(grid, lattice, shift_yx, phase_yx)
         else:
             self._go_on(grid, shift_yx, phase_yx, extent, changed_window)
-        self.lattice, self._extent, self._phase_yx = lattice, extent, phase_yx
+        self.lattice, self._extent, self._phase_yx, self._limits = lattice, extent, phase_yx, grid.limits
         assert self._map is not None
         return self._map
 
@@ -183,6 +209,18 @@ class Vectorizer:
             self._map = apply(self._map, delta)
 
 
+def _checked_window(window: object, grid: OccupancyGrid) -> tuple[int, int, int, int]:
+    try:
+        row0, column0, row1, column1 = map(operator.index, window)  # type: ignore[call-overload]
+        good = 0 <= row0 <= row1 <= grid.height and 0 <= column0 <= column1 <= grid.width
+    except (TypeError, ValueError):
+        good = False
+    if not good:
+        reason = f"expected (row0, column0, row1, column1) of a grid of {grid.height} x {grid.width} cells"
+        raise ConfigError(option="changed_window", value=window, reason=reason)
+    return row0, column0, row1, column1
+
+
 def _delta(changes: Changes) -> MapDelta:
     removed, added, rethickened = (_canonical(r) for r in (changes.removed, changes.added, changes.rethickened))
     return MapDelta(
@@ -203,7 +241,13 @@ def _canonical(rows: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 def vectorize(
-    grid: OccupancyGrid, *, profile: str = "share", epsilon_cells: float | None = None, specks: int | None = None
+    grid: OccupancyGrid,
+    *,
+    profile: str = "share",
+    epsilon_cells: float | None = None,
+    specks: int | None = None,
+    free_below: float | None = None,
+    occupied_above: float | None = None,
 ) -> VectorMap:
     """Vectorize one grid by itself; see ``Vectorizer``.
 
@@ -216,4 +260,11 @@ def vectorize(
     >>> vectorize(OccupancyGrid(room, 0.05)).edges.tolist()
     [[2, 2, 2, 28, 1], [2, 2, 18, 2, 3], [2, 28, 18, 28, 1], [18, 2, 18, 28, 3]]
     """
-    return Vectorizer(profile=profile, epsilon_cells=epsilon_cells, specks=specks).update(grid)
+    vectorizer = Vectorizer(
+        profile=profile,
+        epsilon_cells=epsilon_cells,
+        specks=specks,
+        free_below=free_below,
+        occupied_above=occupied_above,
+    )
+    return vectorizer.update(grid)
