@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 from fleetmap.version import __version__
 
 if TYPE_CHECKING:
+    from fleetmap import sync
     from fleetmap.merge import fold
     from fleetmap.model.errors import (
         ConfigError,
         FleetmapError,
         LinkError,
         MapFormatError,
+        MapWarning,
         NameInUse,
         NoPath,
         WireError,
@@ -37,6 +39,7 @@ _HOMES = {
     "FleetmapError": "fleetmap.model.errors",
     "LinkError": "fleetmap.model.errors",
     "MapFormatError": "fleetmap.model.errors",
+    "MapWarning": "fleetmap.model.errors",
     "MergedMap": "fleetmap.model.mergedmap",
     "NameInUse": "fleetmap.model.errors",
     "NoPath": "fleetmap.model.errors",
@@ -60,6 +63,7 @@ __all__ = [
     "FleetmapError",
     "LinkError",
     "MapFormatError",
+    "MapWarning",
     "MergedMap",
     "NameInUse",
     "NoPath",
@@ -77,7 +81,11 @@ __all__ = [
     "plan",
     "rasterize",
     "save_map",
+    "sync",
 ]
+
+_ROOMS = ("codecs", "merge", "model", "peer", "planners", "sims", "sync", "vectorize")
+"""Packages and modules that the documentation names as attributes."""
 
 
 def __getattr__(name: str) -> object:
@@ -85,6 +93,8 @@ def __getattr__(name: str) -> object:
         value: object = getattr(importlib.import_module(_HOMES[name]), name)
         globals()[name] = value
         return value
+    if name in _ROOMS:
+        return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

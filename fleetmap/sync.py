@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from fleetmap.accounting import Stats
+from fleetmap.model.checks import check_number
 from fleetmap.model.errors import LinkError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.mergedmap import MergedMap
@@ -69,9 +70,21 @@ class SyncPeer:
             self._thread.join()
             self._loop.close()
 
-    def publish(self, source: OccupancyGrid | VectorMap, *, submap: str = "0", anchor: Pose2 | None = None) -> bool:
+    def publish(
+        self,
+        source: OccupancyGrid | VectorMap,
+        *,
+        submap: str = "0",
+        anchor: Pose2 | None = None,
+        free_below: float | None = None,
+        occupied_above: float | None = None,
+    ) -> bool:
         """Share a map; False if nothing changed."""
-        return self._run(self._peer.publish(source, submap=submap, anchor=anchor))
+        return self._run(
+            self._peer.publish(
+                source, submap=submap, anchor=anchor, free_below=free_below, occupied_above=occupied_above
+            )
+        )
 
     def set_pose(self, pose: Pose2) -> None:
         """Announce where the robot is, in its map frame."""
@@ -99,6 +112,8 @@ class SyncPeer:
 
     def changes(self, timeout_s: float | None = None) -> Iterator[Change]:
         """What robots' new maps did to the merged one; ends when none comes for ``timeout_s``."""
+        if timeout_s is not None:
+            check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
         changes = self._peer.changes()
         try:
             while True:

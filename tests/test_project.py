@@ -22,7 +22,7 @@ def test_every_exported_name_exists_and_none_is_forgotten():
     assert sorted(fleetmap.__all__) == fleetmap.__all__
     for name in fleetmap.__all__:
         assert getattr(fleetmap, name) is not None
-    assert set(fleetmap._HOMES) | {"__version__"} == set(fleetmap.__all__)
+    assert set(fleetmap._HOMES) | {"__version__", "sync"} == set(fleetmap.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error():

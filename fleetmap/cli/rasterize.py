@@ -16,7 +16,10 @@ def rasterize(
     png: Annotated[bool, typer.Option("--png", help="Write a PNG image instead of a PGM.")] = False,
     residual: Annotated[
         Path | None,
-        typer.Option(metavar="IN.fgrid", help="What the vector map leaves out: every cell comes back as it was."),
+        typer.Option(
+            metavar="IN.fgrid",
+            help="What the vector map leaves out: every cell comes back free, occupied or unknown as it was.",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -50,7 +50,7 @@ def vectorize(
         typer.Option(
             case_sensitive=False,
             help="share: the boundary of free space, with the thickness of walls. full: all boundaries between free, "
-            "occupied and unknown. exact: full, and every cell comes back as it was.",
+            "occupied and unknown. exact: full, and every cell comes back free, occupied or unknown as it was.",
         ),
     ] = Profile.SHARE,
     epsilon: Annotated[
@@ -87,7 +87,22 @@ def vectorize(
         Path | None,
         typer.Option(
             metavar="OUT.fgrid",
-            help="Also write what the vector map leaves out: with both, rasterize gives every cell back.",
+            help="Also write what the vector map leaves out: with both, rasterize gives every cell back as free, "
+            "occupied or unknown; values between 0 and 100 are not kept.",
+        ),
+    ] = None,
+    free_below: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT", show_default="20", help="Cells with a value below are free; for modes scale and raw."
+        ),
+    ] = None,
+    occupied_above: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PERCENT",
+            show_default="64",
+            help="Cells with a value above are occupied; those between are unknown.",
         ),
     ] = None,
     as_json: AsJson = False,
@@ -106,6 +121,8 @@ def vectorize(
                fleetmap vectorize map.yaml -o lossless.fmap --profile exact
 
                fleetmap vectorize map.yaml -o map.fmap --residual map.fgrid
+
+               fleetmap vectorize graded.yaml -o map.fmap --free-below 50 --occupied-above 54
     """
     from fleetmap.cli.maps import check_output, read_map_server
     from fleetmap.codecs.fgrid import save_fgrid
@@ -127,7 +144,7 @@ def vectorize(
     check_output(out, ".fmap")
     if residual is not None:
         check_output(residual, ".fgrid")
-    cells = read_map_server(grid)
+    cells = read_map_server(grid).with_thresholds(free_below=free_below, occupied_above=occupied_above)
     if by_paper:
         reading = reading or Reading.C
 
@@ -162,6 +179,8 @@ def vectorize(
         ],
         "dropped": {"count": report.dropped.count, "cells": report.dropped.cells},
         "epsilon_cells": vector_map.epsilon_cells,
+        "free_below": cells.free_below,
+        "occupied_above": cells.occupied_above,
         "digest": f"{vector_map.digest:016x}",
     }
     if as_json:

@@ -17,6 +17,7 @@ from fleetmap.codecs.context_grid import MAX_CELLS, decode_states, encode_states
 from fleetmap.codecs.envelope import VERSION
 from fleetmap.codecs.files import MAX_FILE_BYTES, read_behind, write_whole
 from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
+from fleetmap.model.graded import warn_of_lost_values
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import UNKNOWN
 from fleetmap.model.pose import Pose2
@@ -30,6 +31,8 @@ Draw = Callable[[OccupancyGrid], OccupancyGrid]
 def save_fgrid(grid: OccupancyGrid, path: str | Path, *, base: tuple[int, Draw] | None = None) -> None:
     """Write the states of a grid; the file appears whole or not at all.
 
+    Warns with ``MapWarning`` if cells have values between 0 and 100, which are not kept.
+
     Parameters
     ----------
     base : digest of a vector map of the grid, and what draws it: then only what it leaves out is written
@@ -39,6 +42,7 @@ def save_fgrid(grid: OccupancyGrid, path: str | Path, *, base: tuple[int, Draw] 
     OSError : the folder can't be written
     MapFormatError : the grid has more cells than the exact layer takes
     """
+    warn_of_lost_values(grid, "an .fgrid file")
     states = grid.states_yx()
     if states.size > MAX_CELLS:
         reason = f"expected at most {MAX_CELLS} cells; the grid has {states.size}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fleetmap.model.errors import ConfigError
+from fleetmap.model.checks import check_number
 
 BURST_S = 1.0
 """What was not sent is saved up for so long: after a pause an update may take as much at once."""
@@ -25,8 +25,8 @@ class Quota:
 
     def __init__(self, budget_Bps: float | None = None, max_rate_hz: float | None = None) -> None:
         for option, value in (("budget_Bps", budget_Bps), ("max_rate_hz", max_rate_hz)):
-            if value is not None and not 0 < value < math.inf:
-                raise ConfigError(option=option, value=value, reason="expected a number above 0")
+            if value is not None:
+                check_number(option, value, expected="a number above 0", fits=lambda number: number > 0)
         self._budget = budget_Bps
         self._pause_s = 0.0 if max_rate_hz is None else 1 / max_rate_hz
         self._balance = 0.0 if budget_Bps is None else BURST_S * budget_Bps

@@ -71,8 +71,8 @@ def check_xy(option: str, value: object) -> tuple[float, float]:
     return numbers[0], numbers[1]
 
 
-def check_type(option: str, value: object, kind: type[T], *, hint: str = "") -> T:
-    """The value, if it is of that type.
+def check_type(option: str, value: object, *kinds: type[T], hint: str = "") -> T:
+    """The value, if it is of one of these types.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def check_type(option: str, value: object, kind: type[T], *, hint: str = "") -> 
     ------
     ConfigError : it is of another type
     """
-    if not isinstance(value, kind):
-        told = f"expected {kind.__name__}; found {type(value).__name__}"
+    if not isinstance(value, kinds):
+        told = f"expected {' or '.join(kind.__name__ for kind in kinds)}; found {type(value).__name__}"
         raise ConfigError(option=option, value=value, reason=f"{told}: {hint}" if hint else told)
     return value

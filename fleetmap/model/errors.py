@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-MAX_SHOWN = 120
+MAX_SHOWN = 80
 """So many characters of a refused value are shown in its error."""
 
 

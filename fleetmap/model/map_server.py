@@ -18,6 +18,7 @@ from typing import IO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import check_type
 from fleetmap.model.errors import ConfigError, MapFormatError, MapWarning
 from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
 from fleetmap.model.map_image import Brightness, read_brightness
@@ -74,17 +75,19 @@ def load_map(yaml_path: str | os.PathLike[str]) -> OccupancyGrid:
 def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: Literal["pgm", "png"] = "pgm") -> None:
     """Write a grid as a map_server map: ``yaml_path``, and the image beside it under the same stem.
 
-    Reading it gives the same cells: mode ``trinary`` if they are all -1, 0 or 100, else ``raw``. Each file is
-    written under another name and then moved, the image first, so that nobody reads half of one.
+    Reading it gives the same cells: mode ``trinary`` if they are all -1, 0 or 100, else ``raw``, which has no place
+    for ``free_below`` and ``occupied_above``. Each file is written under another name and then moved, the image first,
+    so that nobody reads half of one.
 
     Raises
     ------
-    ConfigError : ``image`` is neither ``pgm`` nor ``png``
+    ConfigError : ``image`` is neither ``pgm`` nor ``png``, or ``grid`` no ``OccupancyGrid``
     OSError : the folder is missing or not writable
     """
     import yaml
     from PIL import Image
 
+    check_type("grid", grid, OccupancyGrid, hint="of a MergedMap .to_grid() makes one, of a VectorMap rasterize()")
     if image not in ("pgm", "png"):
         raise ConfigError(option="image", value=image, reason="expected 'pgm' or 'png'")
     path = Path(yaml_path)

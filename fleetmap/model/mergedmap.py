@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import as_number
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
@@ -15,6 +16,9 @@ from fleetmap.model.pose import Pose2
 
 FLEET_UM = 5_000
 """One step of the fleet lattice: 5 mm."""
+
+GRID_UM = 500
+"""Cells of drawn grids are whole multiples of 0.5 mm."""
 
 ORIGIN_UM = 1_024_000_000
 """Origins of merged maps lie on whole multiples of 1024 m: 204800 steps, and whole cells of most resolutions."""
@@ -55,9 +59,13 @@ class MergedMap:
     digest: str = field(init=False)
 
     def __post_init__(self) -> None:
-        rows = np.ascontiguousarray(self.edges, np.int32)
-        if rows.ndim != 2 or rows.shape[1] != 8:
-            raise MapFormatError(path="<array>", field="edges", reason=f"expected (n, 8); found {rows.shape}")
+        given = np.asarray(self.edges)
+        if given.ndim != 2 or given.shape[1] != 8 or given.dtype.kind not in "iu":
+            reason = f"expected (n, 8) integers; found {given.shape} {given.dtype}"
+            raise MapFormatError(path="<array>", field="edges", reason=reason)
+        rows = np.ascontiguousarray(given, np.int32)
+        if not np.array_equal(rows, given):
+            raise MapFormatError(path="<array>", field="edges", reason="expected numbers that fit int32")
         if any(v % ORIGIN_UM or abs(v) > MAX_ORIGIN_UM for v in self.origin_um):
             reason = f"expected multiples of {ORIGIN_UM} um up to {MAX_ORIGIN_UM}; found {self.origin_um}"
             raise MapFormatError(path="<array>", field="origin_um", reason=reason)
@@ -115,16 +123,25 @@ class MergedMap:
         """
         from fleetmap.model.raster import merged_states
 
-        step = round((resolution_m * 1e6 if resolution_m else self.resolution_um) / FLEET_UM)
-        if step < 1:
-            raise MapFormatError(
-                path="<merged map>", field="resolution_m", reason=f"expected at least {FLEET_UM / 1e6} m"
-            )
-        # The origin in whole cells, and what is left of it in steps, which is added to the edges.
-        (cells_x, left_x), (cells_y, left_y) = (divmod(v // FLEET_UM, step) for v in self.origin_um)
-        edges = self.edges + np.array([left_y, left_x, left_y, left_x, 0, 0, 0, 0], np.int32)
+        if resolution_m is None:
+            asked = self.resolution_um / GRID_UM
+        else:
+            asked = (as_number(resolution_m) or 0.0) * 1e6 / GRID_UM
+            if round(asked) < FLEET_UM // GRID_UM or abs(asked / round(asked) - 1) > 1e-6:  # float32 has seven digits
+                reason = (
+                    f"expected a multiple of {GRID_UM / 1e6} m, at least {FLEET_UM / 1e6} m; found {resolution_m!r}"
+                )
+                raise MapFormatError(path="<merged map>", field="resolution_m", reason=reason)
+        # Units in which both a step of the lattice and a cell are whole numbers.
+        unit_um = FLEET_UM if round(asked) * GRID_UM % FLEET_UM == 0 else GRID_UM
+        step = max(round(asked) * GRID_UM, FLEET_UM) // unit_um
+        # The origin in whole cells, and what is left of it in units, which is added to the edges.
+        (cells_x, left_x), (cells_y, left_y) = (divmod(v // unit_um, step) for v in self.origin_um)
+        edges = self.edges * np.array([1, 1, 1, 1, 0, 0, 0, 1], np.int32) * (FLEET_UM // unit_um)
+        edges[:, LEFT : OBSTACLE + 1] = self.edges[:, LEFT : OBSTACLE + 1]
+        edges += np.array([left_y, left_x, left_y, left_x, 0, 0, 0, 0], np.int32)
         states, (low_y, low_x) = merged_states(edges, step)
-        cell_m = step * FLEET_UM / 1e6
+        cell_m = step * unit_um / 1e6
         origin = Pose2((cells_x + low_x) * cell_m, (cells_y + low_y) * cell_m)
         return OccupancyGrid.from_states(states, cell_m, origin)
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import check_type
 from fleetmap.model.errors import MapFormatError
+from fleetmap.model.graded import warn_of_thresholds
 from fleetmap.model.grid import MAX_CELLS, OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 
@@ -50,7 +52,11 @@ def compare(a: OccupancyGrid, b: OccupancyGrid) -> Metrics:
     Raises
     ------
     MapFormatError : the union has more than ``MAX_CELLS`` cells
+    ConfigError : one of them is no ``OccupancyGrid``
     """
+    for option, grid in (("a", a), ("b", b)):
+        check_type(option, grid, OccupancyGrid, hint="of a MergedMap .to_grid() makes one, of a VectorMap rasterize()")
+        warn_of_thresholds(grid)
     states_a, states_b = on_common_lattice(a, b)
     pairs = np.bincount((3 * states_a + states_b).ravel(), minlength=9).reshape(3, 3)
     is_occupied = np.array([0.0, 1.0, 0.0])  # by state: FREE, OCCUPIED, UNKNOWN

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.model.bands import REASONS, Bands
+from fleetmap.model.checks import check_type
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.hashing import hash_ints
 from fleetmap.model.lattice import EPSILON_CELLS, FREE, OCCUPIED, UNKNOWN, Lattice
@@ -51,7 +52,8 @@ class VectorMap:
 
     Raises
     ------
-    MapFormatError : wrong shape, coordinate, label or thickness
+    MapFormatError : wrong shape, type, coordinate, label or thickness
+    ConfigError : ``lattice`` is none
 
     Notes
     -----
@@ -88,6 +90,7 @@ class VectorMap:
         epsilon_cells: float = EPSILON_CELLS,
         profile: str = "share",
     ) -> None:
+        check_type("lattice", lattice, Lattice)
         rows = _checked_rows(edges, thickness)
         self._set(lattice, Bands.of(rows), epsilon_cells, profile, None)
 
@@ -239,8 +242,15 @@ def _checked_rows(edges: NDArray[np.int32], thickness: NDArray[np.uint8]) -> NDA
     elif thickness.shape != (len(edges),) or thickness.dtype.kind not in "iu":
         reason = f"expected ({len(edges)},) integers as thickness; found {thickness.shape} {thickness.dtype}"
     else:
-        found, rows = canonical_rows(np.array(edges, np.int64, order="C"), np.array(thickness, np.int64))
+        found, rows = canonical_rows(_int64(edges), _int64(thickness))
         if found == GOOD:
             return rows
         reason = REASONS[found]
     raise MapFormatError(path="<array>", field="edges", reason=reason)
+
+
+def _int64(values: NDArray[np.integer]) -> NDArray[np.int64]:
+    """A copy; what is too large for it becomes its largest number, which no bound lets pass, and not a negative one."""
+    if values.dtype == np.uint64:
+        values = np.minimum(values, np.uint64(np.iinfo(np.int64).max))
+    return np.array(values, np.int64, order="C")

@@ -36,6 +36,8 @@ class Folder:
     ) -> None:
         self.merged = MergedMap(np.zeros((0, 8), np.int32))
         self.revisions: RevisionVector = ()
+        self.folded = False
+        """Whether ``merged`` was ever brought up to date."""
         self.readers: set[ChangeQueue] = set()
         self._look, self._interval_s, self._clock = look, interval_s, clock
         self._robot = robot
@@ -64,6 +66,7 @@ class Folder:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
                     self.merged, self.revisions = merged, view.revisions
                     self._tell_left_out()
+                self.folded = True
             except BaseException:
                 # Who waited gave up: the readers still want to know.
                 self._events = events + self._events

@@ -6,10 +6,12 @@ import secrets
 from collections.abc import Mapping, Sequence
 
 from fleetmap.codecs.messages import check_name
+from fleetmap.model.checks import check_number, check_type
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.link import Link
 from fleetmap.peer.peer import Peer
+from fleetmap.peer.profiles import zenoh_settings
 
 
 def join(
@@ -61,8 +63,14 @@ def join(
     """
     for option, name in (("robot", robot), ("fleet", fleet), ("level", level)):
         check_name(option, name)
-    if not heartbeat_s > 0:
-        raise ConfigError(option="heartbeat_s", value=heartbeat_s, reason="expected more than 0")
+    heartbeat_s = check_number("heartbeat_s", heartbeat_s, expected="seconds, more than 0", fits=lambda s: s > 0)
+    fold_interval_s = check_number(
+        "fold_interval_s", fold_interval_s, expected="seconds, 0 or more", fits=lambda s: s >= 0
+    )
+    check_type("baselines", baselines, bool)
+    zenoh_settings(profile, listen=listen, connect=connect, config=config)  # refuses what can't be, whatever the link
+    if link is not None and not callable(getattr(link, "open", None)):
+        raise ConfigError(option="link", value=link, reason="expected a fleetmap.peer.link.Link; None is Zenoh's")
     if link is None:
         # Zenoh takes 33 MB; a program that only works on maps never loads it.
         from fleetmap.peer.zenoh_link import ZenohLink

@@ -16,10 +16,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
+from fleetmap.codecs.messages import check_name
 from fleetmap.engine import Ask, Changed, Detour, Engine, EpochChanged, Event, NameTaken, PeersChanged, Put
+from fleetmap.engine.engine import MAX_PEERS
 from fleetmap.engine.quota import Quota
 from fleetmap.engine.view import View, view
-from fleetmap.model.errors import FleetmapError, LinkError, NameInUse
+from fleetmap.model.checks import check_count, check_number, check_type, check_xy
+from fleetmap.model.errors import ConfigError, FleetmapError, LinkError, NameInUse, NoPath
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
@@ -39,6 +42,13 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 TICK_S = 0.1
+
+_NOT_OPEN = {
+    "new": "the peer is not connected yet: `async with fleetmap.join(...) as peer`, or `peer = await join(...)`",
+    "closed": "the peer is closed: join again",
+}
+_HOW_TO_POSE = "write Pose2(x_m, y_m, yaw_rad)"
+_HOW_TO_PUBLISH = "OccupancyGrid(cells_yx, resolution_m) makes one of an array; a merged map is never published again"
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -81,7 +91,7 @@ class Peer:
         self.robot, self.fleet, self.level = robot, fleet, level
         self._instance, self._clock, self._link = instance, clock, link
         self._ledger = Ledger()
-        fixed = None if start is None else FixedPose.from_pose(start)
+        fixed = _fixed("start", start)
         self._make_engine = partial(
             Engine,
             robot,
@@ -166,7 +176,13 @@ class Peer:
     # Say
 
     async def publish(
-        self, source: OccupancyGrid | VectorMap, *, submap: str = "0", anchor: Pose2 | None = None
+        self,
+        source: OccupancyGrid | VectorMap,
+        *,
+        submap: str = "0",
+        anchor: Pose2 | None = None,
+        free_below: float | None = None,
+        occupied_above: float | None = None,
     ) -> bool:
         """Share a map. A grid is vectorized; what changed since the last one goes to the fleet.
 
@@ -175,6 +191,8 @@ class Peer:
         source : the submap as it is now
         submap : its name, for robots that have several
         anchor : T_robot_submap; a correction of it resends no geometry
+        free_below, occupied_above : per cent, instead of the grid's own; see ``OccupancyGrid``. The first grid of a
+            submap whose thresholds leave hardly any free or occupied cell is warned of, with ``MapWarning``
 
         Returns
         -------
@@ -190,17 +208,27 @@ class Peer:
             Wherever that lies: 500 km from the origin are fine
         """
         self._check()
-        fixed = FixedPose.from_pose(anchor or Pose2())
+        check_name("submap", submap)
+        fixed = _fixed("anchor", anchor) or FixedPose()
+        if isinstance(source, OccupancyGrid):
+            source = source.with_thresholds(free_below=free_below, occupied_above=occupied_above)
+        else:
+            check_type("source", source, OccupancyGrid, VectorMap, hint=_HOW_TO_PUBLISH)
+            for option, value in (("free_below", free_below), ("occupied_above", occupied_above)):
+                if value is not None:
+                    raise ConfigError(option=option, value=value, reason="is for grids; a vector map has states only")
         return await self._publisher.publish(submap, source, partial(self._run_publish, fixed), clock=self._clock)
 
     async def set_pose(self, pose: Pose2) -> None:
         """Announce where the robot is, in its map frame."""
         self._check()
+        check_type("pose", pose, Pose2, hint=_HOW_TO_POSE)
         await self._run(self._engine.set_pose, pose.x_m, pose.y_m, pose.yaw_rad)
 
     async def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
         """Announce where the robot is going, in its map frame; None: nowhere."""
         self._check()
+        goal_xy = None if goal_xy is None else check_xy("goal_xy", goal_xy)
         await self._run(self._engine.set_goal, goal_xy)
 
     async def set_start(self, start: Pose2 | None) -> None:
@@ -212,7 +240,7 @@ class Peer:
             with another map of the component
         """
         self._check()
-        await self._run(self._engine.set_start, None if start is None else FixedPose.from_pose(start))
+        await self._run(self._engine.set_start, _fixed("start", start))
 
     async def forget(self, robot: str) -> None:
         """Drop what an absent robot has said, here and at every peer. One that still lives comes back.
@@ -222,6 +250,7 @@ class Peer:
         ConfigError : no map of that robot is held
         """
         self._check()
+        check_name("robot", robot)
         await self._run(self._engine.forget, robot)
 
     # See
@@ -279,7 +308,10 @@ class Peer:
         Raises
         ------
         NameInUse : another living peer turned out to have this name, and was first
+        LinkError : the peer is not connected yet
         """
+        if self._state == "new":
+            self._check()
         reader = ChangeQueue()
         self._folder.readers.add(reader)
         if self._state == "closed" or self._failure is not None:
@@ -310,6 +342,8 @@ class Peer:
         TimeoutError : something is still missing; the message says what
         """
         self._check()
+        check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
+        check_count("at_least", at_least, most=MAX_PEERS)
 
         def missing() -> list[str]:
             seen = len(self._engine.alive)
@@ -353,7 +387,13 @@ class Peer:
         """
         from fleetmap.peer.planning import plan_in_frame
 
+        start_xy, goal_xy = check_xy("start_xy", start_xy), check_xy("goal_xy", goal_xy)
         T_frame_fleet = frame_of(self._engine, frame) or Pose2()
+        if not self._folder.folded:
+            raise NoPath(
+                status="outside",
+                reason="nothing has been merged yet: call refresh(), or wait for changes(), and plan then",
+            )
         return plan_in_frame(
             self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
         )
@@ -364,7 +404,7 @@ class Peer:
         if self._failure is not None:
             raise self._failure
         if self._state != "open":
-            raise LinkError(endpoint=self.fleet, reason=f"the peer is {self._state}")
+            raise LinkError(endpoint=self.fleet, reason=_NOT_OPEN[self._state])
 
     async def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Run an engine call in the engine's thread, then do what came out of it, even if the caller gives up."""
@@ -383,7 +423,7 @@ class Peer:
     async def _read(self, call: Callable[[], R]) -> R:
         """Ask the engine something, in its thread: nothing changes meanwhile."""
         if self._state != "open":
-            raise LinkError(endpoint=self.fleet, reason=f"the peer is {self._state}")
+            raise LinkError(endpoint=self.fleet, reason=_NOT_OPEN[self._state])
         return await asyncio.get_running_loop().run_in_executor(self._executor, call)
 
     async def _look(self) -> View:
@@ -484,3 +524,8 @@ class Peer:
                 case ReplyEnd(ask_id):
                     engine.on_reply_end(ask_id, now_s=now_s)
         engine.tick(now_s)
+
+
+def _fixed(option: str, pose: Pose2 | None) -> FixedPose | None:
+    """The pose in whole numbers; ConfigError if it is none."""
+    return None if pose is None else FixedPose.from_pose(check_type(option, pose, Pose2, hint=_HOW_TO_POSE))

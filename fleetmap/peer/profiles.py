@@ -18,17 +18,18 @@ def zenoh_settings(
 
     Raises
     ------
-    ConfigError : the profile is unknown, or an endpoint is no TCP or TLS one
+    ConfigError : the profile is unknown, an endpoint is no TCP or TLS one, or a setting can't be written as JSON
     """
     if profile not in PROFILES:
         raise ConfigError(option="profile", value=profile, reason=f"expected one of {', '.join(PROFILES)}")
     for option, endpoints in (("listen", listen), ("connect", connect)):
-        if isinstance(endpoints, str):
-            raise ConfigError(option=option, value=endpoints, reason="expected a list of endpoints")
+        if isinstance(endpoints, str) or not isinstance(endpoints, Sequence):
+            raise ConfigError(option=option, value=endpoints, reason='expected a list, as ["tcp/10.0.0.2:7447"]')
         for endpoint in endpoints:
             # Recovery over UDP stalls for 10 s once a reply is lost: state never travels on it.
-            if not endpoint.startswith(("tcp/", "tls/")):
+            if not isinstance(endpoint, str) or not endpoint.startswith(("tcp/", "tls/")):
                 raise ConfigError(option=option, value=endpoint, reason="expected tcp/HOST:PORT or tls/HOST:PORT")
+    further = _checked_config({} if config is None else config)
     everywhere = "tcp/127.0.0.1:0" if profile == "local" else "tcp/0.0.0.0:0"
     return {
         "mode": "peer",
@@ -44,8 +45,21 @@ def zenoh_settings(
         # zenoh issues 2787 and 2788: memory that is never freed, silent loss.
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": 64 << 20,
-        **(config or {}),
+        **further,
     }
+
+
+def _checked_config(config: object) -> dict[str, object]:
+    if not isinstance(config, Mapping) or not all(isinstance(key, str) for key in config):
+        reason = 'expected Zenoh\'s keys -> values, as {"scouting/multicast/enabled": False}'
+        raise ConfigError(option="config", value=config, reason=reason)
+    for key, value in config.items():
+        try:
+            as_json5(value)
+        except (TypeError, ValueError) as error:
+            reason = f"the value of {key!r} can't be written as JSON: {error}"
+            raise ConfigError(option="config", value={key: value}, reason=reason) from None
+    return dict(config)
 
 
 def as_json5(value: object) -> str:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
 
 from fleetmap.accounting import Ledger
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.vectormap import VectorMap
+
+if TYPE_CHECKING:
+    from fleetmap.vectorize import Vectorizer
 
 
 class GridPublisher:
@@ -22,7 +26,7 @@ class GridPublisher:
 
     def __init__(self, ledger: Ledger, *, baselines: bool) -> None:
         self._ledger, self._baselines = ledger, baselines
-        self._vectorizers: dict[str, Callable[[OccupancyGrid], VectorMap]] = {}
+        self._vectorizers: dict[str, Vectorizer] = {}
         self._last: dict[str, OccupancyGrid] = {}
         self._turn = asyncio.Lock()
 
@@ -62,14 +66,14 @@ class GridPublisher:
     def _vectorize(self, submap: str, grid: OccupancyGrid) -> VectorMap:
         from fleetmap.vectorize import Vectorizer
 
-        update = self._vectorizers.get(submap)
-        if update is not None:
+        before, vectorizer = self._vectorizers.get(submap), Vectorizer()
+        if before is not None:
             try:
-                return update(grid)
-            except ConfigError:
-                pass  # another resolution or rotation: the submap starts anew on another lattice
-        update = self._vectorizers[submap] = Vectorizer().update
-        return update(grid)
+                return before.update(grid)
+            except ConfigError:  # another resolution or rotation: the submap starts anew on another lattice
+                vectorizer.judged = before.judged  # a submap is warned of once
+        self._vectorizers[submap] = vectorizer
+        return vectorizer.update(grid)
 
     def _sizes(self, submap: str, grid: OccupancyGrid) -> dict[str, int]:
         from fleetmap.codecs.baselines import exact_changed_rectangle, gzip_changed_rectangle, gzip_grid

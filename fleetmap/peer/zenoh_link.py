@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 import zenoh
 from zenoh import ext
 
-from fleetmap.model.errors import LinkError
+from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.peer.link import Receiver, Token
 from fleetmap.peer.profiles import as_json5, zenoh_settings
 
@@ -58,6 +58,7 @@ class ZenohLink:
     ) -> None:
         self._robot, self._fleet = robot, f"fleetmap/{fleet}"
         self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=config)
+        self._config()  # refuses settings that Zenoh doesn't know, here and not when the link is opened
         self._endpoint = ", ".join([*connect, *listen]) or profile
         self._expects_peers = bool(connect)
         self._session: zenoh.Session | None = None
@@ -164,10 +165,7 @@ class ZenohLink:
 
     def _open(self, receiver: Receiver) -> list[Token]:
         self._receiver = receiver
-        config = zenoh.Config()
-        for key, value in self._settings.items():
-            config.insert_json5(key, as_json5(value))
-        session = self._session = zenoh.open(config)
+        session = self._session = zenoh.open(self._config())
         if self._closed.is_set():
             # Whoever waited for this gave up meanwhile, and ``close`` found no session yet.
             self._session = None
@@ -227,6 +225,17 @@ class ZenohLink:
             session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", liveliness, history=True),
         ]
         return self._living(session)
+
+    def _config(self) -> zenoh.Config:
+        config = zenoh.Config()
+        for key, value in self._settings.items():
+            try:
+                config.insert_json5(key, as_json5(value))
+            except zenoh.ZError as error:
+                # Zenoh's own message has the place in its source, and not the key.
+                reason = f"Zenoh takes no such setting as {key!r}: {str(error).partition(' at /')[0]}"
+                raise ConfigError(option="config", value={key: value}, reason=reason) from None
+        return config
 
     def _living(self, session: zenoh.Session) -> list[Token]:
         replies = session.liveliness().get(f"{self._fleet}/*/alive/**", timeout=DISCOVERY_TIMEOUT_S)

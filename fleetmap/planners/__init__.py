@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import math
 from typing import cast
 
+from fleetmap.model.checks import check_number, check_type, check_xy
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.planners.protocol import Path, Planner
@@ -43,14 +43,13 @@ def plan(
     Raises
     ------
     NoPath : with a ``status``; the goal is never moved silently
-    ConfigError : a negative or infinite radius or margin, a point that is no number, an unknown method
+    ConfigError : a negative or infinite radius or margin, a point that is none, something else than a merged map, an
+        unknown method
     """
+    check_type("merged", merged, MergedMap)
     for option, value in (("radius_m", radius_m), ("margin_m", margin_m)):
-        if not (math.isfinite(value) and value >= 0):
-            raise ConfigError(option=option, value=value, reason="expected metres, 0 or more")
-    for option, point in (("start_xy", start_xy), ("goal_xy", goal_xy)):
-        if len(point) != 2 or not all(math.isfinite(v) for v in point):
-            raise ConfigError(option=option, value=point, reason="expected two finite numbers, metres")
+        check_number(option, value, expected="metres, 0 or more", fits=lambda metres: metres >= 0)
+    start_xy, goal_xy = check_xy("start_xy", start_xy), check_xy("goal_xy", goal_xy)
     return find_planner(method)(merged, start_xy, goal_xy, clearance_m=radius_m + margin_m)
 
 

@@ -31,7 +31,7 @@ def plan_astar(
     from fleetmap.planners.grid_kernels import astar, block_near, segment_clearance
 
     if len(merged) == 0:
-        raise NoPath(status="outside", reason="the map is empty")
+        raise NoPath(status="outside", reason="the map is empty: no robot has shared one in its frame")
     grid = merged.to_grid()
     cell_m = grid.resolution_m
     origin = np.array([grid.origin.x_m, grid.origin.y_m])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.model.lattice import FREE
-from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.mergedmap import FLEET_UM, MergedMap
 from fleetmap.sims.worlds import World
 
 LOOKOUT_M = 0.8
@@ -33,7 +33,8 @@ class MapError:
 
 def covered(merged: MergedMap, world: World, reachable: NDArray[np.bool_]) -> float:
     """Share of the reachable cells whose centre is free in the merged map (fleet frame = world frame)."""
-    grid = merged.to_grid(world.resolution_m if world.resolution_m < 0.05 else None)
+    step_m = FLEET_UM / 1e6
+    grid = merged.to_grid(max(1, round(world.resolution_m / step_m)) * step_m if world.resolution_m < 0.05 else None)
     xy = world.centres_xy(np.argwhere(reachable))
     cells = np.floor(grid.origin.inverse().apply(xy)[:, ::-1] / grid.resolution_m).astype(np.int64)
     inside = ((cells >= 0) & (cells < grid.cells_yx.shape)).all(axis=1)
