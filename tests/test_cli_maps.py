@@ -58,6 +58,30 @@ def test_with_what_it_leaves_out_a_vector_map_gives_every_cell_back(fleetmap_com
         assert says in " ".join(run.err.split())
 
 
+def test_a_graded_map_keeps_its_walls_by_thresholds_and_is_told_what_it_loses(fleetmap_command, map_folder):
+    cells = load_map(map_folder / "map.yaml").cells_yx
+    graded = np.select([cells == -1, cells == 0], [-1, 40], 60)
+    save_map(OccupancyGrid(graded, 0.05), map_folder / "graded.yaml")
+    command = ["vectorize", "graded.yaml", "-o", "graded.fmap"]
+    run = fleetmap_command(*command, "--json", cwd=map_folder)
+    assert run.document["edges"] == 0
+    assert run.err.count("0 count as free (below 20) and 0 as occupied (above 64)") == 1
+
+    thresholds = ["--free-below", "50", "--occupied-above", "54"]
+    run = fleetmap_command(*command, *thresholds, "--residual", "rest.fgrid", "--json", cwd=map_folder)
+    assert (run.code, run.document["valid"], run.document["free_below"]) == (0, True, 50)
+    known = (cells >= 0).sum()
+    assert run.err.count("warning") == 1
+    assert f"{known} of {known} known cells have values between 0 and 100; an .fgrid file holds" in run.err
+    run = fleetmap_command("rasterize", "graded.fmap", "-o", "again.yaml", "--residual", "rest.fgrid", cwd=map_folder)
+    assert run.code == 0, run.err
+    assert (load_map(map_folder / "again.yaml").cells_yx == cells).all()
+
+    run = fleetmap_command(*command, "--free-below", "70", cwd=map_folder)
+    assert run.code == 2
+    assert "0 < free_below <= occupied_above < 100" in " ".join(run.err.split())
+
+
 def test_the_papers_method_reports_what_it_breaks_and_writes_the_map_all_the_same(fleetmap_command, map_folder):
     for options, reading in (([], "C"), (["--reading", "B"], "B"), (["--reading", "mended"], "mended")):
         command = ["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", *options]

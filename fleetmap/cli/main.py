@@ -59,7 +59,15 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code."""
     as_json = "--json" in arguments
-    warnings.showwarning = _show_warning
+    told: set[str] = set()
+
+    def show_once(message: Warning | str, *_: object, **__: object) -> None:
+        # A command that runs something twice, for its time, says everything once.
+        if str(message) not in told:
+            told.add(str(message))
+            stderr.print(f"[yellow]warning:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
+
+    warnings.showwarning = show_once
     try:
         result = app(arguments, prog_name="fleetmap", standalone_mode=False)
         if result == 130:  # newer versions of typer turn Ctrl-C into this
@@ -95,7 +103,3 @@ def _fail(error: BaseException, code: int, as_json: bool) -> int:
         if code == 2:
             stderr.print("Try a command with --help.", highlight=False)
     return code
-
-
-def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    stderr.print(f"[yellow]warning:[/] {escape(str(message))}", highlight=False, soft_wrap=True)

@@ -87,7 +87,9 @@ class FixedPose:
 
     @classmethod
     def from_pose(cls, pose: Pose2) -> FixedPose:
-        """Round a pose to micrometres and Q30."""
+        """Round a pose to micrometres and Q30; ConfigError if it is farther than ``MAX_UM`` from 0."""
+        if max(abs(pose.x_m), abs(pose.y_m)) > MAX_UM / 1e6:  # the largest floats have no micrometres
+            raise ConfigError(option="pose", value=pose, reason=f"at most {MAX_UM // 10**6} m from 0")
         return cls(
             round(pose.x_m * 1e6),
             round(pose.y_m * 1e6),

@@ -15,7 +15,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import check_type
 from fleetmap.model.errors import ConfigError
+from fleetmap.model.graded import warn_of_thresholds
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import EPSILON_CELLS, FREE, OCCUPIED, Lattice
 from fleetmap.model.pose import FixedPose, Pose2
@@ -88,6 +90,8 @@ def vectorize_by_paper(
             value=epsilon_cells,
             reason=f"expected {MIN_EPSILON_CELLS:g} to {MAX_EPSILON_CELLS:g} cells for the paper's method",
         )
+    check_type("grid", grid, OccupancyGrid)
+    warn_of_thresholds(grid)
     from fleetmap.vectorize import paper_kernels
 
     # 1. The vertices: centres of occupied cells, in row-major order.

@@ -14,7 +14,14 @@ SIXTEENTHS = 16
 
 
 def lattice_of(grid: OccupancyGrid) -> Lattice:
-    """Lay a lattice on the corners of a grid's cells, (0, 0) at its origin; for the first grid of an epoch."""
+    """Lay a lattice on the corners of a grid's cells, (0, 0) at its origin; for the first grid of an epoch.
+
+    Raises
+    ------
+    ConfigError : cells that are too small or too large, or an origin that is too far away
+    """
+    if grid.resolution_m > 10.0:  # the largest floats have no micrometres
+        raise ConfigError(option="resolution_m", value=grid.resolution_m, reason="expected 0.1 mm to 10 m a cell")
     return Lattice(round(grid.resolution_m * 1e6), FixedPose.from_pose(grid.origin))
 
 
@@ -33,7 +40,7 @@ def place_on_lattice(grid: OccupancyGrid, lattice: Lattice) -> tuple[tuple[int, 
     """
     cells = max(grid.height, grid.width)
     if abs(grid.resolution_m / lattice.resolution_m - 1) * cells > 1 and (
-        round(grid.resolution_m * 1e6) != lattice.resolution_um
+        abs(grid.resolution_m * 1e6 - lattice.resolution_um) > 0.5
     ):
         raise ConfigError(
             option="resolution_m",
