@@ -20,6 +20,11 @@ cells between the thresholds alone.)"""
 CHUNK_CELLS = 1 << 20
 
 
+def is_graded(grid: OccupancyGrid) -> bool:
+    """Whether any cell has a value between 0 and 100; 0.2 ms a million cells, where counting them takes 2."""
+    return bool((grid.cells_yx.view(np.uint8) - np.uint8(1) < 99).any())
+
+
 def count_values(grid: OccupancyGrid) -> NDArray[np.int64]:
     """(101,) how many cells have each value from 0 to 100; the rest of the grid is unknown."""
     flat = grid.cells_yx.view(np.uint8).ravel()
@@ -36,14 +41,16 @@ def warn_of_thresholds(grid: OccupancyGrid, *, stacklevel: int = 2) -> bool:
     -------
     bool : False if the grid has too few known cells to tell
     """
+    if not is_graded(grid):
+        return int(np.count_nonzero(grid.cells_yx >= 0)) >= FEWEST_KNOWN_CELLS
     counts = count_values(grid)
-    known, graded = int(counts.sum()), int(counts[1:100].sum())
+    known = int(counts.sum())
     if known < FEWEST_KNOWN_CELLS:
         return False
     most_free, least_occupied = grid.limits
     free, occupied = int(counts[: most_free + 1].sum()), int(counts[least_occupied:].sum())
     between = known - free - occupied
-    if graded and (free < HARDLY_ANY * known or occupied == 0 or occupied < HARDLY_ANY * between):
+    if free < HARDLY_ANY * known or occupied == 0 or occupied < HARDLY_ANY * between:
         values = np.flatnonzero(counts)
         warnings.warn(
             f"of {known} known cells, whose values go from {values[0]} to {values[-1]}, {free} count as free (below "
@@ -58,13 +65,13 @@ def warn_of_thresholds(grid: OccupancyGrid, *, stacklevel: int = 2) -> bool:
 
 def warn_of_lost_values(grid: OccupancyGrid, keeper: str, *, stacklevel: int = 2) -> bool:
     """Warn with ``MapWarning``, and return True, if a grid has values that ``keeper``, which holds states, loses."""
+    if not is_graded(grid):
+        return False
     counts = count_values(grid)
-    graded = int(counts[1:100].sum())
-    if graded:
-        warnings.warn(
-            f"{graded} of {int(counts.sum())} known cells have values between 0 and 100; {keeper} holds which cells "
-            "are free, occupied and unknown, and not these values",
-            MapWarning,
-            stacklevel=stacklevel + 1,
-        )
-    return graded > 0
+    warnings.warn(
+        f"{counts[1:100].sum()} of {counts.sum()} known cells have values between 0 and 100; {keeper} holds which "
+        "cells are free, occupied and unknown, and not these values",
+        MapWarning,
+        stacklevel=stacklevel + 1,
+    )
+    return True

@@ -184,7 +184,7 @@ def _of_probabilities(cells: NDArray[np.generic]) -> NDArray[np.int8]:
             "if they are per cents and -1, cells.round().astype(np.int8)"
         )
         raise _refused("cells_yx", reason)
-    known = ~np.isnan(cells)
-    result = np.full(cells.shape, -1, np.int8)
-    result[known] = np.rint(cells[known].astype(np.float64) * 100)
+    per_cent = np.rint(np.multiply(cells, 100, dtype=np.float64))
+    per_cent[np.isnan(per_cent)] = -1
+    result: NDArray[np.int8] = per_cent.astype(np.int8, order="C")
     return result

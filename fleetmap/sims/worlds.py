@@ -108,9 +108,11 @@ def make_world(name: str, *, size_m: float = 40.0, seed: int = 0) -> World:
         raise ConfigError(
             option="world", value=name, reason=f"expected {', '.join(GENERATORS)} or the .yaml file of a map"
         )
+    from fleetmap.model.graded import warn_of_thresholds
     from fleetmap.model.map_server import load_map
 
     grid = load_map(Path(name))
+    warn_of_thresholds(grid)
     solid, origin = grid.states_yx() != FREE, grid.origin
     if not (solid[[0, -1]].all() and solid[:, [0, -1]].all()):
         # Free up to the image's edge: a lidar must see the wall that robots would run into there.
