@@ -42,10 +42,12 @@ def encode_states(states_yx: NDArray[np.uint8], base_yx: NDArray[np.uint8] | Non
 
     Raises
     ------
-    ValueError : another shape or state, or more than 2^25 cells
+    ValueError : another shape, type or state, or more than 2^25 cells
     """
     from fleetmap.codecs.range_kernels import AT, WRITE, begin, finish_writing
 
+    if any(array is not None and array.dtype != np.uint8 for array in (states_yx, base_yx)):
+        raise ValueError("expected states as uint8")
     height, width = states_yx.shape
     if states_yx.size > MAX_CELLS:
         raise ValueError(f"expected at most {MAX_CELLS} cells")

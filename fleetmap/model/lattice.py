@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import as_number
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import FixedPose
 
@@ -33,9 +34,12 @@ class Lattice:
     T_frame_lattice: FixedPose = FixedPose()
 
     def __post_init__(self) -> None:
-        if not 100 <= self.resolution_um <= 10_000_000:
+        found = as_number(self.resolution_um)
+        if found is None or not found.is_integer() or not 100 <= found <= 10_000_000:
             raise ConfigError(
-                option="resolution", value=f"{self.resolution_um} um", reason="expected 0.1 mm to 10 m a cell"
+                option="resolution",
+                value=f"{self.resolution_um} um",
+                reason="expected whole micrometres, 0.1 mm to 10 m a cell",
             )
 
     @property

@@ -20,6 +20,9 @@ FLEET_UM = 5_000
 GRID_UM = 500
 """Cells of drawn grids are whole multiples of 0.5 mm."""
 
+MAX_CELL_UM = 1_000_000_000
+"""Largest cell of a drawn grid (1 km): products in the painting then fit 64 bits."""
+
 ORIGIN_UM = 1_024_000_000
 """Origins of merged maps lie on whole multiples of 1024 m: 204800 steps, and whole cells of most resolutions."""
 
@@ -119,7 +122,7 @@ class MergedMap:
 
         Raises
         ------
-        MapFormatError : the resolution is not a positive whole number of fleet lattice steps, or the grid too large
+        MapFormatError : the resolution is none of the multiples of 0.5 mm from 5 mm to 1 km, or the grid is too large
         """
         from fleetmap.model.raster import merged_states
 
@@ -127,9 +130,11 @@ class MergedMap:
             asked = self.resolution_um / GRID_UM
         else:
             asked = (as_number(resolution_m) or 0.0) * 1e6 / GRID_UM
-            if round(asked) < FLEET_UM // GRID_UM or abs(asked / round(asked) - 1) > 1e-6:  # float32 has seven digits
+            least, most = FLEET_UM // GRID_UM, MAX_CELL_UM // GRID_UM
+            if not least <= round(asked) <= most or abs(asked / round(asked) - 1) > 1e-6:  # float32 has seven digits
                 reason = (
-                    f"expected a multiple of {GRID_UM / 1e6} m, at least {FLEET_UM / 1e6} m; found {resolution_m!r}"
+                    f"expected {FLEET_UM / 1e6} to {MAX_CELL_UM / 1e6:.0f} m, a whole multiple of {GRID_UM / 1e6} m; "
+                    f"found {resolution_m!r}"
                 )
                 raise MapFormatError(path="<merged map>", field="resolution_m", reason=reason)
         # Units in which both a step of the lattice and a cell are whole numbers.
@@ -137,8 +142,8 @@ class MergedMap:
         step = max(round(asked) * GRID_UM, FLEET_UM) // unit_um
         # The origin in whole cells, and what is left of it in units, which is added to the edges.
         (cells_x, left_x), (cells_y, left_y) = (divmod(v // unit_um, step) for v in self.origin_um)
-        edges = self.edges * np.array([1, 1, 1, 1, 0, 0, 0, 1], np.int32) * (FLEET_UM // unit_um)
-        edges[:, LEFT : OBSTACLE + 1] = self.edges[:, LEFT : OBSTACLE + 1]
+        edges = self.edges.copy()
+        edges[:, [Y0, X0, Y1, X1, THICKNESS]] *= FLEET_UM // unit_um
         edges += np.array([left_y, left_x, left_y, left_x, 0, 0, 0, 0], np.int32)
         states, (low_y, low_x) = merged_states(edges, step)
         cell_m = step * unit_um / 1e6

@@ -20,7 +20,8 @@ def add_crossings(
 
     ``edges`` are (y0, x0, y1, x1) with y0 <= y1 in half units, so that a cell (``cell`` half units wide,
     even) has an integer centre. A running sum over a row then gives the winding sum at each centre.
-    |coordinate| <= 2^25 (a vector map's in 1/32 of a cell): products of two differences stay below 2^53.
+    |coordinate| <= 2^27 (a vector map's in 1/32 of a cell, a merged map's in 0.25 mm): products of two differences
+    stay below 2^56.
     """
     height, width = sums.shape
     half = cell // 2
@@ -55,7 +56,7 @@ def paint_walls(
 
     ``sides`` holds bits 1 (left blocks) and 2 (right blocks). Column 0 of ``reach`` holds for cells that are
     not free, column 1 for free ones; ``cross_reach`` = floor(reach * length) bounds the cross product, which
-    is the distance times the length. |coordinate| <= 2^25, so cross products stay below 2^54.
+    is the distance times the length. |coordinate| <= 2^27, so cross products stay below 2^57.
     """
     height, width = free.shape
     half = cell // 2

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-T_BITS = 20
-"""Places on a step from one cell centre to the next are counted in 2^-20 of it."""
+T_BITS = 10
+"""Places on a step from one cell centre to the next are counted in 2^-10 of it."""
 
 
 @njit("i8(i8[:,::1], i8, i8, i8, u1[:,::1], i8[:,::1])", cache=True, nogil=True)
@@ -23,11 +23,11 @@ def list_open_steps(
 
     ``edges`` are (y0, x0, y1, x1) in half units, in which a cell is ``cell`` wide and its centre an integer. A row of
     ``found`` is (row, column, axis, t): from that cell to the next row (axis 0) or column (axis 1), crossed at the
-    fraction t / 2^20. What doesn't fit in ``found`` is counted only. Centres lie an epsilon to the right, and far less
+    fraction t / 2^10. What doesn't fit in ``found`` is counted only. Centres lie an epsilon to the right, and far less
     than that upwards, of where they are: so none is on an edge, and a path of steps can't slip through a vertex.
-    |coordinate| <= 2^25, so products of two differences stay below 2^53. A cell is 32 half units of a vector map's
-    and less than 2^19 of a merged map's, whose edges are shorter than 2^22: 2^20 of a step times its divisor are
-    below 2^62.
+    |coordinate| <= 2^27 (a vector map's, in 1/32 of a cell, are within 2^25; a merged map's, in 0.25 mm, within 2^26.4),
+    so that products of two differences stay below 2^56. A cell is less than 2^23 half units: 2^10 of a step, times its
+    divisor, is below 2^61.
     """
     height, width = blocked.shape
     half = cell // 2

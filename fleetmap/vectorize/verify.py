@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.checks import check_type
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
@@ -123,10 +124,13 @@ def verify(
 
     Raises
     ------
-    ConfigError : a grid has another resolution or yaw than the map, or ``points`` is neither of both
+    ConfigError : a grid has another resolution or yaw than the map, ``points`` is neither of both, or one of the maps
+        is something else
     """
     if points not in ("boundary", "centres"):
         raise ConfigError(option="points", value=points, reason="expected 'boundary' or 'centres'")
+    check_type("grid", grid, OccupancyGrid)
+    check_type("vector_map", vector_map, VectorMap)
     share, exact = vector_map.profile == "share", vector_map.profile == "exact"
     cells = GridCells(grid, vector_map, 0 if exact else specks)
     epsilon2 = Fraction(round(vector_map.epsilon_cells**2 * 2**20), 2**20)  # exactly 2 for sqrt(2)
