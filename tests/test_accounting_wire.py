@@ -2,23 +2,96 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from fleetmap.accounting.wire import (
-    SEGMENT_BYTES,
-    TCP_IP_BYTES,
-    ZENOH_BYTES,
-    estimate_wire_bytes,
-    required_bandwidth_kbps,
+from fleetmap.accounting import Count, Transport, grids_instead, wire_bytes
+from fleetmap.accounting.wire import SEGMENT_BYTES, TCP_IP_BYTES, keep_alives, required_bandwidth_kbps
+from fleetmap.peer import zenoh_link
+from fleetmap.peer.profiles import PROFILES, zenoh_settings
+
+
+def counts(**sizes: list[int]) -> dict[str, Count]:
+    found = {kind: Count() for kind in sizes}
+    for kind, count in found.items():
+        for size in sizes[kind]:
+            count.add(size)
+    return found
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_the_estimator_knows_the_transport_that_peers_open(profile):
+    settings = zenoh_settings(profile, listen=[], connect=[], config=None)
+    assert settings["transport/link/tx/lease"] == 1000 * Transport().lease_s
+    assert settings["timestamping/enabled"] is True
+    assert Transport().miss_heartbeat_s == zenoh_link.HEARTBEAT_S
+
+
+@pytest.mark.parametrize(
+    ("kind", "payload", "seen"),
+    [("digest", 13, 59 + 2), ("pose", 10, 54 + 2), ("goal", 10, 54 + 2), ("delta", 39, 105 + 2)],
 )
+def test_a_message_is_framed_as_it_was_seen_on_a_link(kind, payload, seen):
+    """Between two sessions of Zenoh 1.10, with what leads the batch."""
+    plain = Transport(miss_heartbeat_s=0.5 if kind == "delta" else None)
+    found = wire_bytes(counts(**{kind: [payload]}), 0.0, plain)
+    assert found.payload + found.zenoh == seen
+    assert (found.tcp_ip, found.acknowledgements, found.keep_alives) == (TCP_IP_BYTES, TCP_IP_BYTES, 0)
 
 
-def test_each_message_pays_its_headers_and_a_large_one_those_of_its_segments():
-    assert estimate_wire_bytes(0, 0) == 0
-    assert estimate_wire_bytes(1, 60) == 60 + ZENOH_BYTES + TCP_IP_BYTES
-    assert estimate_wire_bytes(10, 600) == 10 * estimate_wire_bytes(1, 60)
-    large = 3 * SEGMENT_BYTES
-    assert estimate_wire_bytes(1, large) == large + ZENOH_BYTES + 4 * TCP_IP_BYTES
+def test_questions_and_answers_are_framed_as_they_were_seen():
+    asked = wire_bytes(counts(want=[0]), 0.0)
+    assert (asked.zenoh, asked.acknowledgements) == (20 + 2, 0)
+    answered = wire_bytes(counts(list=[18]), 0.0)
+    assert answered.payload + answered.zenoh == 81 + 2
+    assert (answered.tcp_ip, answered.acknowledgements) == (TCP_IP_BYTES, TCP_IP_BYTES)
+
+
+def test_an_idle_link_of_a_lease_of_ten_seconds_carries_what_was_measured():
+    assert wire_bytes({}, 1000.0, Transport(lease_s=10.0)).total / 1000 == pytest.approx(42.8)
+    assert wire_bytes({}, 1000.0, Transport(lease_s=40.0)).total / 1000 == pytest.approx(10.7)
+    assert wire_bytes({}, 0.0).total == 0
+
+
+def test_a_large_message_pays_for_its_segments_and_one_acknowledgement_for_two():
+    plain = Transport(miss_heartbeat_s=None)
+    found = wire_bytes(counts(delta=[10 * SEGMENT_BYTES]), 0.0, plain)
+    assert found.tcp_ip == 11 * TCP_IP_BYTES
+    assert found.acknowledgements == 6 * TCP_IP_BYTES
+
+
+def test_an_advanced_publisher_tells_its_last_number_once_a_delta_and_once_an_interval():
+    often, seldom = counts(delta=[30] * 100), counts(delta=[30] * 4)
+    for sent, time_s, beats in ((often, 10.0, 20), (seldom, 10.0, 4)):
+        with_it = wire_bytes(sent, time_s, Transport(lease_s=1e6))
+        without = wire_bytes(sent, time_s, Transport(lease_s=1e6, miss_heartbeat_s=1e9))
+        assert with_it.total - without.total == (beats - 1) * (43 + 2 * TCP_IP_BYTES)
+
+
+@pytest.mark.parametrize("regular", [0, 30, 200])
+@pytest.mark.parametrize("others", [0, 20, 600])
+def test_keep_alives_are_those_of_a_link_that_is_watched_message_by_message(regular, others):
+    rng = np.random.default_rng(regular + others)
+    time_s, every_s, seen = 400.0, 0.75, []
+    for _ in range(60):
+        at = np.concatenate([(np.arange(regular) + 1.0) * time_s / max(regular, 1), rng.uniform(0.0, time_s, others)])
+        gaps = np.diff(np.sort(np.concatenate([at, [0.0, time_s]])))
+        seen.append(np.floor(gaps / every_s + 1e-9).sum())
+    found = keep_alives(time_s, regular=regular, others=others, every_s=every_s)
+    assert found == pytest.approx(np.mean(seen), rel=0.02, abs=1.0)
+
+
+def test_a_fleet_of_grids_says_all_that_is_no_map_just_as_well():
+    sent = counts(delta=[40] * 9, digest=[13] * 50, pose=[10] * 9, goal=[10] * 3, want=[20], repair=[400], list=[50])
+    instead = grids_instead(sent, counts(grid=[5000] * 9)["grid"])
+    assert set(instead) == {"delta", "digest", "pose", "goal"}
+    ours, theirs = wire_bytes(sent, 100.0), wire_bytes(instead, 100.0)
+    more = theirs.total - ours.total
+    assert theirs.payload == 9 * 5000 + 50 * 13 + 9 * 10 + 3 * 10
+    assert more > 9 * (5000 - 40) - 1500
+    # What both say brings the ratio down from that of the maps alone.
+    assert theirs.total / ours.total < 5000 / 40 / 4
+    assert wire_bytes(grids_instead(sent, sent["delta"]), 100.0).total < ours.total
 
 
 def test_the_papers_required_bandwidth_is_size_by_time():

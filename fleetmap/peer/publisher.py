@@ -6,9 +6,12 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from fleetmap.accounting import Ledger
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.lattice import FREE
 from fleetmap.model.vectormap import VectorMap
 
 if TYPE_CHECKING:
@@ -80,6 +83,8 @@ class GridPublisher:
 
         before = self._last.get(submap)
         self._last[submap] = grid
+        free = int(np.count_nonzero(grid.states_yx() == FREE))
+        self._ledger.explored(submap, free * grid.resolution_m**2)
         return {
             "grid_gzip_full": gzip_grid(grid),
             "grid_gzip_updates": gzip_changed_rectangle(before, grid),
