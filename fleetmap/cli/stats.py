@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fleetmap.accounting.wire import estimate_wire_bytes, required_bandwidth_kbps
+from fleetmap.accounting.wire import required_bandwidth_kbps
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
 from fleetmap.model.errors import ConfigError, MapFormatError
 
@@ -17,7 +17,7 @@ def stats(
         list[Path] | None,
         typer.Argument(metavar="MAP.yaml... | RUN", help="map_server maps, or one run folder of `sim`."),
     ] = None,
-    fleet: Annotated[str | None, typer.Option(metavar="NAME", help="Join this fleet, and watch it.")] = None,
+    fleet: Annotated[str | None, typer.Option(metavar="NAME", help="Watch this fleet, without being in it.")] = None,
     connect: Annotated[
         list[str] | None, typer.Option(metavar="ENDPOINT", help="With --fleet: as tcp/10.0.0.2:7447.")
     ] = None,
@@ -42,15 +42,16 @@ def stats(
 
     For instance:  fleetmap stats maps/*.yaml
 
-    For a run: what all robots sent, and what grids would have cost at the same publishes; kbps is the
+    For a run: what all robots sent, and what grids would have cost at the same publishes, to one receiver: as
+    payload, and on an IP link, where all sides carry poses, goals, heartbeats and keep-alives, too. kbps is the
     paper's required bandwidth, size / time, with the simulated time.
 
     or, after a simulation:  fleetmap stats RUN --json
 
-    With --fleet: joins, and shows what each robot sends and what grids, drawn from its maps each time they
-    change, would have cost; until Ctrl-C, which prints what was seen.
+    With --fleet: asks each robot what it has counted since it joined, and shows it, until Ctrl-C. The watcher is no
+    robot and takes no map; its questions and their answers are counted apart. Ends with 1 if it reached nobody.
 
-    For instance:  fleetmap stats --fleet site-4 --connect tcp/10.0.0.2:7447
+    For instance:  fleetmap stats --fleet sim --connect tcp/127.0.0.1:7447
     """
     if (fleet is None) == (not inputs):
         reason = "expected maps, a run folder, or --fleet NAME" if fleet is None else "goes without maps or a run"
@@ -157,45 +158,56 @@ def _run_stats(folder: Path) -> dict[str, Any]:
     for key in keys:
         if not isinstance(document, dict) or key not in document:
             raise MapFormatError(path=path, field=key, reason="missing: expected the stats of `fleetmap sim`")
-    codecs = {key.removeprefix("bytes_"): size for key, size in document.items() if key.startswith("bytes_")}
+    codecs = {name: document[f"bytes_{name}"] for name in NAMES if f"bytes_{name}" in document}
     ratios = {name: size / codecs["vector"] for name, size in codecs.items()} if codecs["vector"] else {}
     time_s = document.get("simulated_s", 0.0)
     kbps = {name: required_bandwidth_kbps(size, time_s) for name, size in codecs.items()}
-    wire = {str(robot.get("robot")): _wire_bytes(robot) for robot in document["per_robot"]}
-    return {**document, "codecs": codecs, "ratios": ratios, "required_bandwidth_kbps": kbps, "wire_bytes": wire}
-
-
-def _wire_bytes(robot: dict[str, Any]) -> int | None:
-    """What a robot's messages may have taken on the wire; None if the run did not count them."""
-    sizes, messages = robot.get("sent", {}), robot.get("sent_messages")
-    return messages and sum(estimate_wire_bytes(messages[kind], size) for kind, size in sizes.items())
+    wire = {name: document[f"wire_bytes_{name}"] for name in NAMES if f"wire_bytes_{name}" in document}
+    wire_ratios = {name: size / wire["vector"] for name, size in wire.items()} if wire.get("vector") else {}
+    return {
+        **document,
+        "codecs": codecs,
+        "ratios": ratios,
+        "required_bandwidth_kbps": kbps,
+        "wire_codecs": wire,
+        "wire_ratios": wire_ratios,
+        "wire_bytes": {str(robot.get("robot")): robot.get("wire_bytes_vector") for robot in document["per_robot"]},
+    }
 
 
 def _print_run(document: dict[str, Any]) -> None:
-    kbps = document["required_bandwidth_kbps"]
+    kbps, wire, wire_ratios = (document[key] for key in ("required_bandwidth_kbps", "wire_codecs", "wire_ratios"))
     rows = [
         [
-            NAMES.get(name, name),
+            NAMES[name],
             f"{size:,}",
             f"{document['ratios'].get(name, 0.0):.2f}",
             "" if kbps[name] is None else f"{kbps[name]:.2f}",
+            f"{wire[name]:,}" if name in wire else "",
+            f"{wire_ratios[name]:.2f}" if name in wire_ratios else "",
         ]
         for name, size in document["codecs"].items()
     ]
-    print_table("the run, all robots", ["", "bytes", "times what fleetmap sent", "kbps"], rows)
+    columns = ["", "payload bytes", "times what fleetmap sent", "kbps", "bytes on the wire", "times"]
+    print_table("the run, all robots, to one receiver", columns, rows)
+    per = [(key, document.get(key), document.get(f"wire_{key}")) for key in ("bytes_per_m2", "bytes_per_s_robot")]
+    known = [[PER[key], f"{payload:.2f}", f"{on_wire:.2f}"] for key, payload, on_wire in per if payload and on_wire]
+    if known:
+        print_table("what fleetmap took", ["bytes", "payload", "on the wire"], known)
     robots = document["per_robot"]
     if robots:
-        columns = sorted({kind for robot in robots for kind in robot.get("sent", {})})
+        kinds = sorted({kind for robot in robots for kind in robot.get("sent", {})})
         table = []
         for robot in robots:
             sent, name = robot.get("sent", {}), str(robot.get("robot"))
-            sizes = [f"{sent.get(column, 0):,}" for column in columns]
-            wire = document["wire_bytes"][name]
-            table.append([name, *sizes, f"{sum(sent.values()):,}", "" if wire is None else f"{wire:,}"])
-        title = "bytes sent, by robot and kind: payloads, and an estimate with the framing of Zenoh, TCP and IP"
-        print_table(title, ["robot", *columns, "payload", "wire (est.)"], table)
+            sizes = [f"{sent.get(kind, 0):,}" for kind in kinds]
+            on_wire = document["wire_bytes"][name]
+            table.append([name, *sizes, f"{sum(sent.values()):,}", "" if on_wire is None else f"{on_wire:,}"])
+        title = "bytes sent, by robot and kind: payloads, and with Zenoh, TCP, IP, acknowledgements and keep-alives"
+        print_table(title, ["robot", *kinds, "payload", "wire (est.)"], table)
 
 
+PER = {"bytes_per_m2": "per m² of floor explored", "bytes_per_s_robot": "per second and robot"}
 NAMES = {
     "vector": "fleetmap, all it sent",
     "deltas": "of it deltas",

@@ -14,11 +14,13 @@ from fleetmap.codecs.messages import (
     CHECK_MASK,
     MAX_CHUNK_BYTES,
     MAX_CHUNKS,
+    MAX_COUNT,
     MAX_COUNTER,
     MAX_EPSILON_CELLS,
     MAX_MESSAGE_BYTES,
     MAX_MM,
     MAX_ROWS,
+    MAX_TALLIES,
     NAME,
     PROFILES,
     Change,
@@ -32,7 +34,9 @@ from fleetmap.codecs.messages import (
     Revision,
     RevisionList,
     SnapshotChunk,
+    StatsMessage,
     SubmapChange,
+    Tally,
     Want,
 )
 from fleetmap.model.errors import FleetmapError, WireError
@@ -63,6 +67,8 @@ def encode(message: Message) -> bytes:
             fields = [epoch, x_mm, y_mm, yaw_mrad]
         case GoalMessage(epoch, goal_mm):
             fields = [epoch, list(goal_mm) if goal_mm else None]
+        case StatsMessage(epoch, age_ms, links, edges, explored_dm2, watched, sent, grids):
+            fields = [epoch, age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids)]
     packed: bytes = msgpack.packb([VERSION << 4 | message.KIND, *fields])
     return packed
 
@@ -176,6 +182,11 @@ def _read_message(fields: object) -> Message:
                 x_mm, y_mm = _array(a[1], 2)
                 goal = (_integer(x_mm, -MAX_MM, MAX_MM), _integer(y_mm, -MAX_MM, MAX_MM))
             return GoalMessage(_integer(a[0], 0, MAX_COUNTER), goal)
+        case StatsMessage.KIND:
+            a = _array(body, 8)
+            epoch, links, edges = (_integer(a[i], 0, MAX_COUNTER) for i in (0, 2, 3))
+            age_ms, explored_dm2 = (_integer(a[i], 0, MAX_COUNT) for i in (1, 4))
+            return StatsMessage(epoch, age_ms, links, edges, explored_dm2, _tally(a[5]), _tallies(a[6]), _tallies(a[7]))
     raise ValueError(f"unknown kind {kind}")
 
 
@@ -279,6 +290,17 @@ def _integer(value: object, low: int, high: int) -> int:
     if type(value) is not int or not low <= value <= high:
         raise ValueError(f"expected a whole number in [{low}, {high}]")
     return value
+
+
+def _tally(value: object) -> Tally:
+    messages, size_bytes, segments = _array(value, 3)
+    return _integer(messages, 0, MAX_COUNT), _integer(size_bytes, 0, MAX_COUNT), _integer(segments, 0, MAX_COUNT)
+
+
+def _tallies(value: object) -> dict[str, Tally]:
+    if not isinstance(value, dict) or len(value) > MAX_TALLIES:
+        raise ValueError(f"expected a map of at most {MAX_TALLIES} counts")
+    return {_name(name): _tally(count) for name, count in value.items()}
 
 
 def _bytes(value: object, longest: int) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,6 +20,8 @@ MAX_CHUNKS = 64
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""
 MAX_COUNTER = (1 << 32) - 1
+MAX_COUNT = (1 << 53) - 1
+"""Bytes, messages, milliseconds: what is whole for every reader of JSON, too."""
 CHECK_MASK = (1 << 32) - 1
 CLAIMED_EPOCHS = 1 << 31
 """Claims of others about a robot's epochs count below this: so it always has a higher one to go on with."""
@@ -165,7 +168,38 @@ class GoalMessage:
     goal_mm: tuple[int, int] | None
 
 
-Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage
+Tally = tuple[int, int, int]
+"""Messages, their payload bytes, and the TCP segments that they take."""
+MAX_TALLIES = 64
+
+
+@dataclass(frozen=True, slots=True)
+class StatsMessage:
+    """What a robot has counted of itself since it joined: the answer to a watcher.
+
+    Parameters
+    ----------
+    age_ms : since it joined
+    links : living peers that it sees
+    edges : of its own map
+    explored_dm2 : free floor in the grids that it published last, square decimetres; 0: it published none
+    watched : answers to watchers so far; they are not in ``sent``
+    sent : by kind, to one receiver
+    grids : by name, what its updates would have been as grids; empty if it doesn't count them
+    """
+
+    KIND: ClassVar[int] = 8
+    epoch: int
+    age_ms: int
+    links: int
+    edges: int
+    explored_dm2: int
+    watched: Tally
+    sent: Mapping[str, Tally]
+    grids: Mapping[str, Tally]
+
+
+Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage | StatsMessage
 
 
 def check_name(option: str, name: str) -> str:

@@ -29,6 +29,7 @@ from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.discovery import find_epoch
+from fleetmap.peer.figures import own_figures
 from fleetmap.peer.folder import Folder
 from fleetmap.peer.inbox import Alive, Gone, Inbox, Item, Message, Query, Reply, ReplyEnd
 from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
@@ -102,8 +103,8 @@ class Peer:
             quota=Quota(budget_Bps, max_rate_hz),
             ledger=self._ledger,
         )
-        # Checks the names now, and not when the link is open.
-        self._engine = self._make_engine(epoch=1)
+        # Checks the names now, and not when the link is open. What it would say first is not sent, and not counted.
+        self._engine = self._make_engine(epoch=1, ledger=Ledger())
         self._publisher = GridPublisher(self._ledger, baselines=baselines)
         self._folder = Folder(robot, self._look, interval_s=fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
@@ -130,7 +131,7 @@ class Peer:
     async def _open(self) -> Self:
         if self._state != "new":
             raise LinkError(endpoint=self.fleet, reason="a peer can be opened once; call join again")
-        self._state = "open"
+        self._state, self._opened_s = "open", self._clock()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=f"fleetmap-{self.robot}")
         self._inbox = Inbox(asyncio.get_running_loop(), self._ledger)
         try:
@@ -517,6 +518,8 @@ class Peer:
                     engine.on_alive(token.robot, token.epoch, token.instance, now_s=now_s)
                 case Gone(token):
                     engine.on_gone(token.robot, token.epoch, token.instance)
+                case Query("stats", _, reply):
+                    reply([own_figures(engine, age_s=now_s - self._opened_s)])
                 case Query(suffix, payload, reply):
                     reply(engine.on_query(suffix, payload))
                 case Reply(ask_id, payload):

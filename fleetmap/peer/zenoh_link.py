@@ -1,4 +1,4 @@
-"""The link over Zenoh. Everything of Zenoh that is marked unstable is used here and nowhere else.
+"""The link over Zenoh. What of Zenoh is marked unstable is used here, and in ``watcher``, and nowhere else.
 
 Zenoh's advanced layer repairs most losses by itself; what it can't, the engine sees by its own revisions.
 Callbacks run on Zenoh's threads and only hand over. Sessions are always closed: an open one with a callback
@@ -220,7 +220,7 @@ class ZenohLink:
             ),
             *(
                 session.declare_queryable(f"{own}/{suffix}", query, allowed_origin=remote)
-                for suffix in ("snapshot", "revisions", "mirror/*")
+                for suffix in ("snapshot", "revisions", "mirror/*", "stats")
             ),
             session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", liveliness, history=True),
         ]

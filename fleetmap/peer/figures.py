@@ -1,0 +1,43 @@
+"""What a robot tells a watcher of itself, and what the watcher makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from fleetmap.accounting import Count
+from fleetmap.codecs import envelope
+from fleetmap.codecs.messages import MAX_TALLIES, StatsMessage, Tally
+from fleetmap.engine import Engine
+
+DM2_A_M2 = 100
+
+
+def own_figures(engine: Engine, *, age_s: float) -> bytes:
+    """The answer to a watcher, from the ledger; it is counted apart from all that the robot says by itself."""
+    sent, grids, watched, explored_m2 = engine.ledger.said()
+    message = StatsMessage(
+        engine.own.epoch,
+        max(0, round(1000 * age_s)),
+        len(engine.alive),
+        engine.own.edges,
+        round(explored_m2 * DM2_A_M2),
+        _tally(watched),
+        _tallies(sent),
+        _tallies(grids),
+    )
+    payload = envelope.encode(message)
+    engine.ledger.watched(len(payload))
+    return payload
+
+
+def counts(tallies: Mapping[str, Tally]) -> dict[str, Count]:
+    """What a message tells, as the ledger holds it."""
+    return {name: Count(*tally) for name, tally in tallies.items()}
+
+
+def _tally(count: Count) -> Tally:
+    return count.messages, count.size_bytes, count.segments
+
+
+def _tallies(counts: Mapping[str, Count]) -> dict[str, Tally]:
+    return {name: _tally(count) for name, count in sorted(counts.items())[:MAX_TALLIES]}

@@ -1,0 +1,150 @@
+"""``Watcher``: asks the robots of a fleet what they have counted, and is none of them.
+
+It shows no liveliness token, subscribes to nothing and holds no map, so that no robot sends it a map, and nothing of it
+stays. What it costs a robot is a link and an answer to each question; robots count these answers apart, and the
+watcher counts them, too.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from fleetmap.accounting import Count
+from fleetmap.codecs import envelope
+from fleetmap.codecs.messages import NAME, StatsMessage, check_name
+from fleetmap.model.errors import LinkError, WireError
+from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.zenoh_link import parse_token
+
+ASK_TIMEOUT_S = 2.0
+MAX_ROBOTS = 512
+"""More than that are not shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One robot as of one look.
+
+    Parameters
+    ----------
+    robot : its name
+    alive : whether it shows a token
+    endpoint : of the link to it; None if it is not linked or didn't answer
+    figures : its answer; None if there was none in time
+    """
+
+    robot: str
+    alive: bool
+    endpoint: str | None
+    figures: StatsMessage | None
+
+
+class Watcher:
+    """A Zenoh session that asks; use it as ``async with``.
+
+    Parameters
+    ----------
+    fleet : its name
+    profile, connect, listen : see ``fleetmap.join``
+
+    Attributes
+    ----------
+    questions, answers : what it has caused
+
+    Raises
+    ------
+    ConfigError : an option has an impossible value
+    LinkError : on entering: the transport could not be opened
+    """
+
+    def __init__(self, fleet: str, *, profile: str, connect: Sequence[str] = (), listen: Sequence[str] = ()) -> None:
+        self.fleet = check_name("fleet", fleet)
+        self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=None)
+        self.endpoint = ", ".join([*connect, *listen]) or ("multicast" if profile == "lan" else "nowhere")
+        self.questions, self.answers = Count(), Count()
+        self._session: zenoh.Session | None = None
+
+    async def __aenter__(self) -> Self:
+        config = zenoh.Config()
+        for key, value in self._settings.items():
+            config.insert_json5(key, as_json5(value))
+        try:
+            self._session = await asyncio.to_thread(zenoh.open, config)
+        except zenoh.ZError as error:
+            raise LinkError(endpoint=self.endpoint, reason=str(error)) from None
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            await asyncio.to_thread(session.close)
+
+    async def look(self) -> list[Seen]:
+        """Ask all robots; returns those that live or answer, by name.
+
+        Raises
+        ------
+        LinkError : the watcher is closed
+        """
+        session = self._session
+        if session is None:
+            raise LinkError(endpoint=self.endpoint, reason="the watcher is closed")
+        try:
+            return await asyncio.to_thread(self._look, session)
+        except zenoh.ZError as error:
+            raise LinkError(endpoint=self.endpoint, reason=str(error)) from None
+
+    async def surroundings(self) -> tuple[list[str], list[str]]:
+        """Endpoints that this session is linked to, and the fleets that have robots there."""
+        session = self._session
+        if session is None:
+            return [], []
+
+        def ask() -> tuple[list[str], list[str]]:
+            tokens = session.liveliness().get("fleetmap/*/*/alive/**", timeout=ASK_TIMEOUT_S)
+            fleets = {str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None}
+            named = sorted(name for name in fleets if NAME.fullmatch(name))
+            return sorted({link.dst for link in session.info.links()}), named[:MAX_ROBOTS]
+
+        try:
+            return await asyncio.to_thread(ask)
+        except zenoh.ZError:
+            return [], []
+
+    def _look(self, session: zenoh.Session) -> list[Seen]:
+        tokens = session.liveliness().get(f"fleetmap/{self.fleet}/*/alive/**", timeout=ASK_TIMEOUT_S)
+        found = [parse_token(str(reply.ok.key_expr)) for reply in tokens if reply.ok is not None]
+        living = {token.robot for token in found if token is not None and NAME.fullmatch(token.robot)}
+        told: dict[str, tuple[StatsMessage, str]] = {}
+        self.questions.add(0)
+        replies = session.get(
+            f"fleetmap/{self.fleet}/*/stats",
+            timeout=ASK_TIMEOUT_S,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+        for reply in replies:
+            if reply.ok is None:
+                continue
+            robot, payload = str(reply.ok.key_expr).split("/")[2], reply.ok.payload.to_bytes()
+            self.answers.add(len(payload))
+            try:
+                message = envelope.decode(payload, robot=robot)
+            except WireError:
+                continue
+            if isinstance(message, StatsMessage) and NAME.fullmatch(robot):
+                told[robot] = (message, "" if reply.replier_id is None else str(reply.replier_id.zid))
+        endpoints = {str(link.zid): link.dst for link in session.info.links()}
+        seen = []
+        for robot in sorted(living | told.keys())[:MAX_ROBOTS]:
+            message_or_none, zid = told.get(robot, (None, ""))
+            seen.append(Seen(robot, robot in living, endpoints.get(zid), message_or_none))
+        return seen
