@@ -1,7 +1,9 @@
 """An existing asyncio agent joins a fleet: it shares its own map, if it has one, and holds everybody's.
 
 Try it beside a simulated fleet:   fleetmap sim --hold-s 30
-then:                              python examples/embed_async.py [--map map.yaml] [--connect tcp/127.0.0.1:7447]
+then:                              python examples/embed_async.py [--map map.yaml]
+
+The simulation prints its fleet and endpoint: give them with --fleet and --connect if they are not the usual ones.
 """
 
 import argparse
@@ -10,11 +12,11 @@ import asyncio
 import fleetmap
 
 
-async def main(robot: str, connect: str, map_yaml: str | None) -> None:
+async def main(robot: str, fleet: str, connect: str, map_yaml: str | None) -> None:
     """Join, publish, look at the fleet's map, leave."""
     # The agent's map frame is the fleet's here; T_fleet_robot of a real robot goes into ``start``.
     start = fleetmap.Pose2(0.0, 0.0, 0.0)
-    async with fleetmap.join(robot, fleet="sim", start=start, connect=[connect], profile="local") as peer:
+    async with fleetmap.join(robot, fleet=fleet, start=start, connect=[connect], profile="local") as peer:
         if map_yaml is not None:
             await peer.publish(fleetmap.load_map(map_yaml))  # in an agent: whenever its SLAM has a new grid
         merged = await peer.synced(timeout_s=10.0, at_least=1)
@@ -26,7 +28,8 @@ async def main(robot: str, connect: str, map_yaml: str | None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="guest")
+    parser.add_argument("--fleet", default="sim")
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
     parser.add_argument("--map", help="a map_server map in the fleet's frame, to share")
     options = parser.parse_args()
-    asyncio.run(main(options.robot, options.connect, options.map))
+    asyncio.run(main(options.robot, options.fleet, options.connect, options.map))

@@ -1,7 +1,9 @@
 """An existing agent without asyncio joins a fleet: the same calls, each of them blocking.
 
 Try it beside a simulated fleet:   fleetmap sim --hold-s 30
-then:                              python examples/embed_sync.py [--map map.yaml] [--connect tcp/127.0.0.1:7447]
+then:                              python examples/embed_sync.py [--map map.yaml]
+
+The simulation prints its fleet and endpoint: give them with --fleet and --connect if they are not the usual ones.
 """
 
 import argparse
@@ -10,10 +12,10 @@ import fleetmap
 import fleetmap.sync
 
 
-def main(robot: str, connect: str, map_yaml: str | None) -> None:
+def main(robot: str, fleet: str, connect: str, map_yaml: str | None) -> None:
     """Join, publish, plan a path on everybody's map, leave."""
     start = fleetmap.Pose2(0.0, 0.0, 0.0)
-    with fleetmap.sync.join(robot, fleet="sim", start=start, connect=[connect], profile="local") as peer:
+    with fleetmap.sync.join(robot, fleet=fleet, start=start, connect=[connect], profile="local") as peer:
         if map_yaml is not None:
             peer.publish(fleetmap.load_map(map_yaml))
         merged = peer.synced(timeout_s=10.0, at_least=1)
@@ -29,7 +31,8 @@ def main(robot: str, connect: str, map_yaml: str | None) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="guest")
+    parser.add_argument("--fleet", default="sim")
     parser.add_argument("--connect", default="tcp/127.0.0.1:7447")
     parser.add_argument("--map", help="a map_server map in the fleet's frame, to share")
     options = parser.parse_args()
-    main(options.robot, options.connect, options.map)
+    main(options.robot, options.fleet, options.connect, options.map)

@@ -25,17 +25,20 @@ def wait_for_line(stream, pattern):
     raise AssertionError(f"no line matched {pattern!r}")
 
 
-def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_factor):
+def test_guests_join_a_finished_fleet_and_hold_the_same_map(fleetmap_command, tmp_path, timeout_factor):
     command = [sys.executable, "-m", "fleetmap", "sim", "--robots", "2", "--size", "8", "--hold-s", "25", "--json"]
     with subprocess.Popen(
         [*command, "--out", "RUN"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as fleet:
         try:
-            endpoint = wait_for_line(fleet.stderr, r"holding: .*(tcp/127\.0\.0\.1:\d+)")[1]
+            name, endpoint = wait_for_line(fleet.stderr, r"holding: .*fleet (\S+) at (tcp/127\.0\.0\.1:\d+)").groups()
+            watch = ("stats", "--fleet", name, "--connect", endpoint, "--no-multicast-scouting", "--for-s", 1, "--json")
+            watched = fleetmap_command(*watch, cwd=tmp_path)
+            assert watched.code == 0, watched.err
             digests = set()
             for example in ("embed_async.py", "embed_sync.py"):
                 guest = subprocess.run(
-                    [sys.executable, EXAMPLES / example, "--connect", endpoint],
+                    [sys.executable, EXAMPLES / example, "--fleet", name, "--connect", endpoint],
                     capture_output=True, text=True, timeout=30 * timeout_factor, check=False,
                 )  # fmt: skip
                 assert guest.returncode == 0, guest.stderr
@@ -50,6 +53,11 @@ def test_guests_join_a_finished_fleet_and_hold_the_same_map(tmp_path, timeout_fa
     assert found["collisions"] == 0
     assert found["covered"] > 0.9
     assert digests == {found["digest"]}
+    # What a watcher shows is what the robots counted; only their hearts beat on.
+    for row, robot in zip(watched.document["robots"], found["per_robot"], strict=True):
+        shown = {kind: count["bytes"] for kind, count in row["kinds"].items() if kind != "digest"}
+        assert (row["robot"], shown) == (robot["robot"], {k: n for k, n in robot["sent"].items() if k != "digest"})
+        assert row["grid_gzip_full"] == robot["bytes_grid_gzip_full"]
     folder = tmp_path / "RUN"
     assert {"report.html", "map.png", "map.yaml", "map.fmap", "stats.json"} <= {p.name for p in folder.iterdir()}
 

@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 
 from fleetmap.codecs.fmap import load_fmap
-from fleetmap.model.errors import ConfigError
+from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.map_server import load_map
+from fleetmap.peer.rendezvous import rendezvous
 from fleetmap.sims import Progress, SimConfig, run_fleet
+from fleetmap.sims.fleet import name_fleet
 
 PATIENCE = float(os.environ.get("FLEETMAP_TEST_PATIENCE", "1"))
 """Scales every timeout, for slow machines."""
@@ -23,6 +25,9 @@ PATIENCE = float(os.environ.get("FLEETMAP_TEST_PATIENCE", "1"))
 REQUIRED = {
     "robots", "components", "covered", "converged", "digest", "collisions", "merged_error_m", "duration_s",
     "bytes_vector", "bytes_deltas", "bytes_grid_gzip_full", "bytes_grid_gzip_updates", "ratio_full", "ratio_updates",
+    "wire_bytes_vector", "wire_bytes_grid_gzip_full", "wire_bytes_grid_gzip_updates", "wire_bytes_grid_exact_updates",
+    "wire_ratio_full", "wire_ratio_updates", "wire_ratio_exact", "wire", "explored_m2",
+    "bytes_per_m2", "wire_bytes_per_m2", "bytes_per_s_robot", "wire_bytes_per_s_robot", "fleet", "endpoint",
 }  # fmt: skip
 
 
@@ -38,6 +43,52 @@ def gone(pid: int, *, timeout_s: float = 15.0) -> bool:
             return True
         time.sleep(0.05)
     return False
+
+
+def check_bytes(document) -> None:
+    """Payload and wire stand for the same messages, and both sides carry what a fleet says besides its map."""
+    robots, wire = document["per_robot"], document["wire"]
+    assert sum(wire.values()) == document["wire_bytes_vector"] > document["bytes_vector"]
+    assert sum(robot["wire_bytes_vector"] for robot in robots) == document["wire_bytes_vector"]
+    time_s = sum(robot["t_s"] for robot in robots)
+    # Keep-alives are those of simulated time: at most one each quarter of the lease, of 3 + 2 x 52 bytes.
+    assert 0 < wire["keep_alives"] <= time_s / 0.75 * 107
+    # Heartbeats too: what is said on the wire differs from the payload counted by these alone.
+    beats = sum(robot["sent"]["digest"] for robot in robots)
+    heartbeat_bytes = beats / sum(robot["sent_messages"]["digest"] for robot in robots)
+    expected = document["bytes_vector"] - beats + heartbeat_bytes * time_s / 2.0
+    assert wire["payload"] == pytest.approx(expected, abs=heartbeat_bytes * len(robots))
+    for name, short in (("gzip_full", "full"), ("gzip_updates", "updates"), ("exact_updates", "exact")):
+        grids = document[f"wire_bytes_grid_{name}"]
+        assert grids > document[f"bytes_grid_{name}"]
+        assert document[f"wire_ratio_{short}"] == pytest.approx(grids / document["wire_bytes_vector"], abs=0.01)
+        assert document[f"wire_ratio_{short}"] < document[f"ratio_{short}"]
+    assert document["bytes_per_m2"] == pytest.approx(document["bytes_vector"] / document["explored_m2"], abs=0.01)
+    assert document["wire_bytes_per_s_robot"] == pytest.approx(document["wire_bytes_vector"] / time_s, abs=0.01)
+
+
+async def test_a_second_run_neither_joins_nor_splits_the_first_one(tmp_path) -> None:
+    unnamed = SimConfig(out=tmp_path)
+    async with rendezvous() as first, rendezvous() as second:
+        assert second.endpoint != first.endpoint
+        assert not second.usual
+        names = [name_fleet(unnamed, meeting) for meeting in (first, second)]
+        assert names[0] != names[1]
+        # Who was told where to meet, or what to be called, does not quietly go elsewhere.
+        with pytest.raises(LinkError, match=r"--listen tcp/127\.0\.0\.1:0"):
+            async with rendezvous(first.endpoint):
+                pass
+        async with rendezvous("tcp/127.0.0.1:0") as third:
+            assert third.endpoint not in (first.endpoint, second.endpoint)
+    assert name_fleet(SimConfig(out=tmp_path, fleet="mine"), second) == "mine"
+
+
+@pytest.mark.parametrize(
+    "listen", ["udp/127.0.0.1:7447", "tcp/127.0.0.1", "tcp/:7447", "tcp/127.0.0.1:x", "tcp/h:70000"]
+)
+def test_an_endpoint_that_is_none_is_refused(tmp_path, listen) -> None:
+    with pytest.raises(ConfigError, match="tcp/HOST:PORT"):
+        SimConfig(out=tmp_path, listen=listen)
 
 
 def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
@@ -57,6 +108,7 @@ def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
     assert sent == document["bytes_vector"]
     for robot in document["per_robot"]:
         assert sum(robot["sent"].values()) == robot["bytes_vector"]
+    check_bytes(document)
 
     assert json.loads((result.out / "stats.json").read_text())["digest"] == document["digest"]
     assert load_fmap(result.out / "map.fmap").digest == document["digest"]

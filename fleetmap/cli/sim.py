@@ -24,6 +24,13 @@ def sim(
     size: Annotated[float, typer.Option(min=5.0, max=200.0, help="Side of a generated world, metres.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the world, the starts and all noise.")] = 0,
     out: Annotated[Path, typer.Option("--out", metavar="RUN", help="The run folder.")] = Path("RUN"),
+    fleet: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the fleet: sim, unless another run has that place already.")
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option(metavar="ENDPOINT", help="Where others may connect: tcp/127.0.0.1:7447; port 0 for a free one."),
+    ] = None,
     hold_s: Annotated[
         float, typer.Option("--hold-s", min=0.0, help="Stay joined so long after the end, for others to join.")
     ] = 0.0,
@@ -40,6 +47,10 @@ def sim(
     folder: report.html, map.png, map.yaml, map.fmap, stats.json and a log per robot. Ctrl-C ends all of it.
     Exits with 1 if the living robots don't hold the same map in the end.
 
+    Others join or watch by the fleet's name and its endpoint, which stand in the progress. Where another run has
+    the usual endpoint already, this one takes a free port and a name of its own; if it was told a name or a taken
+    endpoint, it ends with an error instead.
+
     For instance:  fleetmap sim --robots 4 --world office --size 40 --seed 1 --out RUN
 
     or on a real map, and waiting for guests:  fleetmap sim --world map.yaml --hold-s 30
@@ -53,6 +64,8 @@ def sim(
         size_m=size,
         seed=seed,
         hold_s=hold_s,
+        fleet=fleet,
+        listen=listen,
         range_m=lidar_range,
         beams=beams,
         range_noise_m=range_noise,
@@ -77,7 +90,9 @@ def sim(
 
 
 def _progress_table(progress: Progress) -> Table:
-    table = Table(title=f"{progress.phase}, {progress.t_s:.0f} s of simulated time, {progress.endpoint}")
+    table = Table(
+        title=f"{progress.phase}, {progress.t_s:.0f} s of simulated time, fleet {progress.fleet} at {progress.endpoint}"
+    )
     for column in ("robot", "pid", "state", "covered", "driven", "published", "sent", "gzip full", "gzip updates"):
         table.add_column(column, justify="left" if column in ("robot", "state") else "right")
     for r in progress.robots:
@@ -109,7 +124,7 @@ class _PlainProgress:
             robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
             stderr.print(
                 f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, "
-                f"{robots}, {progress.endpoint}",
+                f"{robots}, fleet {progress.fleet} at {progress.endpoint}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -40,6 +40,13 @@ th { font-size: 12px; color: var(--soft); font-weight: 600; } th:first-child, td
 tr:last-child td { border-bottom: 0; }
 """
 
+SIZES = (
+    "to one receiver, over the simulated time. Payload: what was handed to the transport, of grids the grids alone. "
+    "Wire: the same on an IP link, with the framing of Zenoh, TCP and IP, acknowledgements and keep-alives; "
+    "poses, goals and heartbeats count on all sides"
+)
+"""What the table of sizes means."""
+
 
 @dataclass(frozen=True, slots=True)
 class Report:
@@ -52,6 +59,7 @@ class Report:
     tiles : (name, value, explanation) each
     charts : each a card
     table : header and rows
+    sizes : header and rows: payload and wire
     notes : what a reader must not miss, such as robots that were lost
     """
 
@@ -63,6 +71,7 @@ class Report:
     charts: tuple[Chart, ...]
     table: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
+    sizes: tuple[tuple[str, ...], ...] = ()
 
 
 def write_report(report: Report, path: Path) -> None:
@@ -77,6 +86,7 @@ def render(report: Report) -> str:
         f'<div class="soft">{escape(about)}</div></div>'
         for name, value, about in report.tiles
     )
+    sizes = f'<section class="card"><h2>Bytes</h2><p class="soft">{SIZES}</p>{table(report.sizes)}</section>'
     notes = "".join(f'<p class="note">{escape(note)}</p>' for note in report.notes)
     charts = "".join(
         f'<section class="card"><h2>{escape(chart.title)}</h2><p class="soft">{escape(chart.unit)}</p>'
@@ -104,6 +114,7 @@ a disc an end, a cross where a robot was lost</p>
 {picture(report)}
 <ul class="legend">{trail_legend(report.trails)}</ul></section>
 <div class="pair">{charts}</div>
+{sizes if report.sizes else ""}
 <section class="card"><h2>Robots</h2>{table(report.table)}</section>
 </main>
 </body>

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fleetmap.codecs.messages import check_name
 from fleetmap.model.errors import ConfigError
+from fleetmap.peer.rendezvous import parse_endpoint
+
+HEARTBEAT_S = 2.0
+"""Of the robots."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +31,9 @@ class SimConfig:
     pose_noise_m : sigma of the believed pose, white, per scan
     radius_m, speed_mps : the robots
     limit_s : simulated time after which exploration ends unfinished
+    fleet : its name; None: ``sim``, or where another run has the usual endpoint already, a name of its own
+    listen : where others may connect, ``tcp/HOST:PORT``, port 0 for a free one; None: tcp/127.0.0.1:7447, or where that
+        is taken and no ``fleet`` is named, a free port
     silent_s : a robot process that doesn't answer for this long is given up, like one that died
     """
 
@@ -43,6 +52,8 @@ class SimConfig:
     speed_mps: float = 0.6
     limit_s: float = 7200.0
     silent_s: float = 60.0
+    fleet: str | None = None
+    listen: str | None = None
 
     def __post_init__(self) -> None:
         def need(option: str, fits: bool, reason: str) -> None:
@@ -58,6 +69,10 @@ class SimConfig:
         need("range_noise_m", 0.0 <= self.range_noise_m <= 0.5, "expected 0 to 0.5 m")
         need("pose_noise_m", 0.0 <= self.pose_noise_m <= 0.5, "expected 0 to 0.5 m")
         need("radius_m", 0.05 <= self.radius_m <= 2.0, "expected 0.05 to 2 m")
+        if self.fleet is not None:
+            check_name("fleet", self.fleet)
+        if self.listen is not None:
+            parse_endpoint(self.listen)
         need("speed_mps", 0.05 <= self.speed_mps <= 2.0, "expected 0.05 to 2 m/s")
 
 
@@ -75,6 +90,8 @@ class RobotProgress:
     distance_m, collisions, published : since the start
     bytes_vector, bytes_deltas, bytes_grid_gzip_full, bytes_grid_gzip_updates, bytes_grid_exact_updates : sent so
         far, and what grids would have cost
+    sent, grids : the same by kind and by name: messages, bytes, segments
+    explored_m2 : free floor in its own grid
     trail_xy : where it has been since the round before (world frame)
     """
 
@@ -93,17 +110,24 @@ class RobotProgress:
     bytes_grid_gzip_full: int = 0
     bytes_grid_gzip_updates: int = 0
     bytes_grid_exact_updates: int = 0
+    sent: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    grids: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    explored_m2: float = 0.0
     trail_xy: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The fleet as of the last round; ``phase`` is ``starting``, ``exploring``, ``converging``, ``holding``."""
+    """The fleet as of the last round; ``phase`` is ``starting``, ``exploring``, ``converging``, ``holding``.
+
+    ``fleet`` and ``endpoint`` are what others need to join or watch it.
+    """
 
     phase: str
     t_s: float
     endpoint: str
     robots: tuple[RobotProgress, ...]
+    fleet: str = ""
 
 
 @dataclass(frozen=True, slots=True)

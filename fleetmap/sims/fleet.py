@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import numpy as np
 
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.kernel_cache import load_kernels
-from fleetmap.peer.rendezvous import rendezvous
+from fleetmap.peer.rendezvous import PORT, Meeting, rendezvous
 from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
 from fleetmap.sims.crew import Crew
 from fleetmap.sims.outcome import write_outcome
@@ -21,7 +22,7 @@ from fleetmap.sims.run import Run
 from fleetmap.sims.worlds import choose_starts, make_world
 
 FLEET = "sim"
-"""Name of the fleet: with the endpoint, all that another robot needs to join."""
+"""Name of the fleet at the usual endpoint: with that, all that another robot needs to join."""
 
 ROUND_S = 3.0
 """Simulated time that is granted at once: about one publish of each robot."""
@@ -62,6 +63,22 @@ def _keep_world(config: SimConfig) -> None:
         raise ConfigError(option="out", value=str(config.out), reason="holds the world's map; expected another folder")
 
 
+def name_fleet(config: SimConfig, meeting: Meeting) -> str:
+    """The fleet's name: two runs of one name would be one fleet to whoever joins, so the second has another.
+
+    ``meeting`` : where it meets; one at an endpoint that was asked for is told from others by that
+    """
+    if config.fleet is not None:
+        return config.fleet
+    return FLEET if meeting.usual or config.listen is not None else f"{FLEET}-{secrets.token_hex(2)}"
+
+
+def _listen(config: SimConfig) -> str | None:
+    """Where the fleet meets. One that has a name stays at the usual place, where whoever named it looks for it."""
+    usual = f"tcp/127.0.0.1:{PORT}"
+    return usual if config.listen is None and config.fleet is not None else config.listen
+
+
 async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> SimResult:
     began_s = time.monotonic()
     _keep_world(config)
@@ -78,11 +95,13 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
 
     def tell(phase: str) -> None:
         t_s = max((p.t_s for p in run.latest.values()), default=0.0)
-        on_progress(Progress(phase, t_s, run.endpoint, tuple(run.latest.values())))
+        on_progress(Progress(phase, t_s, run.endpoint, tuple(run.latest.values()), run.fleet))
 
     with tempfile.TemporaryDirectory(prefix="fleetmap-sim-") as scratch:
-        async with rendezvous() as run.endpoint, Crew(config.silent_s) as crew:
-            await _start(run, crew, Path(scratch))
+        async with rendezvous(_listen(config)) as meeting, Crew(config.silent_s) as crew:
+            run.endpoint = meeting.endpoint
+            run.fleet = name_fleet(config, meeting)
+            await _start(run, crew, Path(scratch), meeting)
             tell("exploring")
             await _explore(run, crew, tell)
             tell("converging")
@@ -99,7 +118,7 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
     return SimResult(config.out, document)
 
 
-async def _start(run: Run, crew: Crew, scratch: Path) -> None:
+async def _start(run: Run, crew: Crew, scratch: Path, meeting: Meeting) -> None:
     """Write the world for the robots to move in, and start them all."""
     config, world = run.config, run.world
     cells = np.argwhere(run.reachable)
@@ -123,8 +142,9 @@ async def _start(run: Run, crew: Crew, scratch: Path) -> None:
             "speed_mps": config.speed_mps,
             "world": str(scratch / "world.npz"),
             "start": [start.x_m, start.y_m, start.yaw_rad],
-            "fleet": FLEET,
-            "endpoint": run.endpoint,
+            "fleet": run.fleet,
+            "endpoint": meeting.connect,
+            "listen": meeting.robots_listen,
         }
         await crew.start(robot, order, log=config.out / "logs" / f"{robot}.log")
     for member in crew.members:

@@ -23,7 +23,7 @@ from fleetmap.model.lattice import FREE
 from fleetmap.model.pose import Pose2
 from fleetmap.peer import Peer, join
 from fleetmap.sims.agent import Agent, Shared
-from fleetmap.sims.config import RobotProgress
+from fleetmap.sims.config import HEARTBEAT_S, RobotProgress
 from fleetmap.sims.explore import Explorer, Teammate
 from fleetmap.sims.lidar import Lidar
 from fleetmap.sims.pipe import MAX_LINE, line, parse
@@ -68,8 +68,9 @@ class Child:
             fleet=str(order["fleet"]),
             start=start,
             connect=[str(order["endpoint"])],
-            listen=["tcp/127.0.0.1:0"],
+            listen=[str(order["listen"])],
             profile="local",
+            heartbeat_s=HEARTBEAT_S,
             # The robot asks for the fold when it is about to think; no other fold is needed.
             fold_interval_s=3600.0,
         )
@@ -150,6 +151,9 @@ class Child:
             bytes_grid_gzip_full=sizes.baselines.get("grid_gzip_full", 0),
             bytes_grid_gzip_updates=sizes.baselines.get("grid_gzip_updates", 0),
             bytes_grid_exact_updates=sizes.baselines.get("grid_exact_updates", 0),
+            sent={kind: count.to_json() for kind, count in sizes.sent.items()},
+            grids={name: count.to_json() for name, count in sizes.grids.items()},
+            explored_m2=sizes.explored_m2,
             trail_xy=tuple((round(x, 3), round(y, 3)) for x, y in trail),
         )
 

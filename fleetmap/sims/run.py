@@ -27,6 +27,7 @@ class Run:
     starts: list[Pose2]
     reachable: NDArray[np.bool_]
     endpoint: str = ""
+    fleet: str = ""
     latest: dict[str, RobotProgress] = field(default_factory=dict)
     series: list[dict[str, RobotProgress]] = field(default_factory=list)
     finished: bool = False
