@@ -1,10 +1,11 @@
 """What the estimator of ``fleetmap.accounting.wire`` says of a link between two robots, beside the kernel's counters.
 
 Two peers, each with a Zenoh session of its own, in a network namespace that nothing else uses, over a loopback of
-Ethernet's 1500 bytes. One publishes a map each 0.1, 5 or 30 seconds, or nothing; heartbeats and keep-alives of both go
-on beside it. Counted are IP bytes, both ways, from the kernel's counters of that namespace (/proc/net/netstat and snmp:
-octets, and for what the card would cut into segments the headers of each), while the link is up: not what is said once
-when it opens and closes. In a second table one side puts payloads of the sizes that grids have.
+Ethernet's 1500 bytes. One publishes a map each 0.1, 1, 5 or 30 seconds, or nothing; or both each 2.5 s, a pose with
+each map. Heartbeats and keep-alives of both go on beside it. Counted are IP bytes, both ways, from the kernel's
+counters of that namespace (/proc/net/netstat and snmp: octets, and for what a network card would cut into segments the
+headers of each), while the link is up: what is said once when it opens stands apart. In a second table one side puts
+payloads of the sizes that grids have.
 
 - payload: what both handed to the link; estimate: ``wire_bytes`` of both; kernel: what was counted
 - off: (estimate - kernel) / kernel
@@ -42,6 +43,8 @@ from fleetmap.peer.zenoh_link import ZenohLink
 ENDPOINT = "tcp/127.0.0.1:7447"
 PERIODS_S = (None, 0.1, 1.0, 5.0, 30.0)
 """Between two publishes; None: none."""
+BOTH_S = 2.5
+"""As two robots on their way do, with a pose each time."""
 PAYLOADS = (200, 1000, 2000, 8000, 40_000)
 PUTS = 20
 PUT_EVERY_S = 0.3
@@ -78,9 +81,10 @@ def between(before: Stats, after: Stats) -> dict[str, Count]:
     return kinds
 
 
-async def publishing(period_s: float | None, for_s: float) -> dict[str, object]:
-    """Two peers, one of which publishes."""
+async def publishing(period_s: float | None, for_s: float, *, both: bool = False) -> dict[str, object]:
+    """Two peers, one of which publishes; or both, a pose with each map."""
     common = {"fleet": "sim", "start": Pose2(), "profile": "local"}
+    opening = counted_bytes()
     async with (
         fleetmap.join("r0", listen=[ENDPOINT], **common) as a,
         fleetmap.join("r1", connect=[ENDPOINT], **common) as b,
@@ -88,22 +92,28 @@ async def publishing(period_s: float | None, for_s: float) -> dict[str, object]:
         await a.publish(room(50))
         await b.synced(30.0, at_least=1)
         await a.synced(30.0, at_least=1)
+        opening = counted_bytes() - opening
         await asyncio.sleep(1.0)
         began_s, kernel, before = time.monotonic(), counted_bytes(), (a.stats(), b.stats())
+        speakers = 0 if period_s is None else 2 if both else 1
         publishes = 0
         while (now_s := time.monotonic() - began_s) < for_s:
-            # The first publish after half a period: the window holds as many as its length is periods.
-            due_s = for_s if period_s is None else min(for_s, (publishes + 0.5) * period_s)
+            # From half a period on, and two speakers in turn: the window holds as many as its length is periods.
+            due_s = for_s if period_s is None else min(for_s, (publishes + 0.5) * period_s / speakers)
             if now_s < due_s:
                 await asyncio.sleep(due_s - now_s)
-            elif await a.publish(room(51 + publishes % 2)):
-                publishes += 1
-        await asyncio.sleep(0)
+                continue
+            speaker = (a, b)[publishes % speakers]
+            await speaker.publish(room(60 + publishes % 7))
+            if both:
+                await speaker.set_pose(Pose2(0.1 * publishes, 1.0, 0.0))
+            publishes += 1
         kernel, time_s = counted_bytes() - kernel, time.monotonic() - began_s
         sent = [between(then, peer.stats()) for then, peer in zip(before, (a, b), strict=True)]
     shares = [wire_bytes(kinds, time_s) for kinds in sent]
-    what = "nothing" if period_s is None else f"each {period_s:g} s"
-    return row(what, publishes, time_s, sum(s.payload for s in shares), sum(s.total for s in shares), kernel)
+    what = "nothing" if period_s is None else f"each {period_s:g} s" + (", both" if both else "")
+    payload, estimate = sum(s.payload for s in shares), sum(s.total for s in shares)
+    return {**row(what, publishes, time_s, payload, estimate, kernel), "opening": opening}
 
 
 class Deaf:
@@ -170,19 +180,21 @@ def main() -> None:
     periods, for_s = ((0.1,), 3.0) if options.tiny else (PERIODS_S, options.for_s)
     payloads, puts = ((8000,), 5) if options.tiny else (PAYLOADS, PUTS)
     tables = {
-        "publish": [asyncio.run(publishing(period_s, for_s)) for period_s in periods],
+        "publish": [asyncio.run(publishing(period_s, for_s)) for period_s in periods]
+        + [asyncio.run(publishing(BOTH_S, for_s, both=True))],
         "put": [asyncio.run(putting(size, puts)) for size in payloads],
     }
     if options.json:
         print(json.dumps(tables, indent=1))
         return
     for name, rows in tables.items():
-        print(f"{name:10} {'messages':>9} {'s':>6} {'payload':>9} {'estimate':>9} {'kernel':>9} {'off':>7}")
+        print(f"{name:16} {'messages':>9} {'s':>6} {'payload':>9} {'estimate':>9} {'kernel':>9} {'off':>7}")
         for r in rows:
             print(
-                f"{r['what']:10} {r['messages']:9} {r['time_s']:6.1f} {r['payload']:9,} {r['estimate']:9,} "
+                f"{r['what']:16} {r['messages']:9} {r['time_s']:6.1f} {r['payload']:9,} {r['estimate']:9,} "
                 f"{r['kernel']:9,} {100 * float(str(r['off'])):6.1f}%"
             )
+    print(f"said once, when the link opens: {max(int(str(r['opening'])) for r in tables['publish']):,} B")
 
 
 def in_a_namespace() -> int:
