@@ -13,8 +13,6 @@ import pytest
 import zenoh
 
 import fleetmap
-from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import StatsMessage
 from fleetmap.model.errors import LinkError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
@@ -169,11 +167,6 @@ async def test_a_closed_watcher_refuses(endpoint):
         pass
     with pytest.raises(LinkError, match="closed"):
         await watcher.look()
-
-
-def test_figures_come_back_from_the_wire_as_they_were_said():
-    said = StatsMessage(3, 12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10), "pose": (1, 9, 1)}, {})
-    assert envelope.decode(envelope.encode(said), robot="a") == said
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ MESSAGES: list[msg.Message] = [
     msg.PoseMessage(1, -(10**9), 5, -3142),
     msg.GoalMessage(1, (4, -5)),
     msg.GoalMessage(1, None),
+    msg.StatsMessage(3, 12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10), "pose": (1, 9, 1)}, {}),
 ]
 
 
@@ -104,6 +105,11 @@ def test_damaged_messages_raise_nothing_but_wire_errors(message: msg.Message, da
         ([0x15, [["a/b", 1, 1, 1]]], "name"),
         ([0x15, [["a" * 65, 1, 1, 1]]], "64"),
         ([0x17, 1, [1]], "array of 2"),
+        ([0x18, 1, 1, 1, 1, 1, [1, 1, 1], {"a/b": [1, 1, 1]}, {}], "name"),
+        ([0x18, 1, 1, 1, 1, 1, [1, 1, 1], {"a": [1, 1]}, {}], "array of 3"),
+        ([0x18, 1, 1, 1, 1, 1, [1, 1, 2**53], {}, {}], "whole number"),
+        ([0x18, 1, 1, 1, 1, 1, [1, 1, 1], {}, {str(i): [1, 1, 1] for i in range(65)}], "at most 64"),
+        ([0x18, 1, 1, 1, 1, 1, [1, 1, 1], [], {}], "at most 64"),
         ([0x11, 1, 1, 1, {}, ["0", [0, 0, 1, 1], []]], "rotation"),
         ([0x11, 1, 1, 1, {"0": [None, None, [5, [], 1.0, 0]]}], "0.1 mm"),
         ([0x11, 1, 1, 1, {"0": [None, None, [50000, [], float("nan"), 0]]}], "error bound"),

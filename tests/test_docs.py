@@ -1,5 +1,6 @@
 """Everything that README, docs and examples show is run."""
 
+import contextlib
 import re
 import shlex
 import subprocess
@@ -8,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
+import fleetmap
+import fleetmap.sync
+from fleetmap.peer import rendezvous
+from fleetmap.sims.fleet import FLEET
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
-
-PORT = "17447"
 
 
 def python_blocks():
@@ -34,9 +38,22 @@ def test_the_commands_of_the_table_run_in_its_order(fleetmap_command, map_folder
     commands = re.findall(r"^\| `fleetmap (.*?)` \|", README, re.MULTILINE)
     assert len(commands) >= 6
     for command in commands:
-        run = fleetmap_command(*shlex.split(command), cwd=map_folder, timeout_s=300)
+        beside = contextlib.nullcontext()
+        if " --fleet " in command:
+            # The endpoint that README names may be in use by another fleet on this machine.
+            fleet, named = (re.search(rf"--{option} (\S+)", command)[1] for option in ("fleet", "connect"))
+            endpoint = f"tcp/127.0.0.1:{rendezvous.free_port('127.0.0.1')}"
+            command = command.replace(named, endpoint)
+            beside = fleetmap.sync.join("r0", fleet=fleet, listen=[endpoint], profile="local")
+        with beside:
+            run = fleetmap_command(*shlex.split(command), cwd=map_folder, timeout_s=300)
         assert run.code == 0, f"fleetmap {command}: {run.err}"
     assert (map_folder / "RUN" / "report.html").exists()
+
+
+def test_the_fleet_that_is_watched_is_the_one_that_a_simulation_opens():
+    (watched,) = re.findall(r"^\| `fleetmap (stats --fleet .*?)` \|", README, re.MULTILINE)
+    assert f"--fleet {FLEET} --connect tcp/127.0.0.1:{rendezvous.PORT} " in watched
 
 
 def test_the_first_command_installs_and_runs_what_exists():
