@@ -1,13 +1,13 @@
 """What a simulated fleet sends, over several seeds: README's table, with spread.
 
 Runs ``fleetmap sim`` for each world and seed, one after the other, into FOLDER/WORLD-SEED; a folder that holds a run
-already is only read. Then one row a world: median, and in brackets least and most, over the seeds.
+already is only read. Then two rows a world: median, and in brackets least and most, over the seeds.
 
-- sent: payload / on an IP link, kB, to one receiver, over the simulated time
-- whole grids, rectangles, differences: how many times as much these would have been: payload / wire. Both sides carry
-  poses, goals, heartbeats and keep-alives on the wire
-- B/m², B/s: payload / wire, by floor explored, and by second and robot
-- wall error: median and 95 % of distances between true walls and merged ones, cm
+- payload: what was handed to the transport, to one receiver; of grids the grids alone
+- wire: the same on an IP link over the simulated time; both sides carry poses, goals, heartbeats and keep-alives
+- whole grids, rectangles, differences: how many times as much these would have been
+- B/m², B/s and robot: by floor explored, and by simulated seconds of all robots
+- wall error: distances between true walls and merged ones
 
     python benchmarks/runs.py [FOLDER] [--worlds office maze unstructured] [--seeds 1 2 3 4 5] [--json]
 """
@@ -73,21 +73,18 @@ def shown(value: dict[str, float], form: str, factor: float = 1.0) -> str:
 
 def table(worlds: dict[str, dict[str, Any]]) -> str:
     """README's table, as Markdown."""
-    columns = ("world", "sent, kB", "whole grids", "rectangles", "differences", "B/m²", "B/s, robot", "wall error, cm")
-    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    columns = ("world", "", "sent, kB", "whole grids", "rectangles", "differences", "B/m²", "B/s and robot")
+    lines = ["| " + " | ".join((*columns, "wall error, cm: median, 95 %")) + " |", "|" + "---|" * (len(columns) + 1)]
     for world, found in worlds.items():
-        cells = [world]
-        for key, form, factor in (
-            ("bytes_vector", ".0f", 1e-3),
-            ("ratio_full", ".1f", 1.0),
-            ("ratio_updates", ".1f", 1.0),
-            ("ratio_exact", ".2f", 1.0),
-            ("bytes_per_m2", ".0f", 1.0),
-            ("bytes_per_s_robot", ".0f", 1.0),
-        ):
-            cells.append(f"{shown(found[key], form, factor)} / {shown(found[f'wire_{key}'], form, factor)}")
-        cells.append(f"{shown(found['error_median_cm'], '.1f')} / {shown(found['error_p95_cm'], '.1f')}")
-        lines.append("| " + " | ".join(cells) + " |")
+        error = f"{shown(found['error_median_cm'], '.1f')}, {shown(found['error_p95_cm'], '.1f')}"
+        for name, what, prefix, last in ((world, "payload", "", error), ("", "wire", "wire_", "")):
+            cells = [
+                shown(found[f"{prefix}bytes_vector"], ".0f", 1e-3),
+                *(f"{shown(found[f'{prefix}ratio_{short}'], '.1f')} x" for short in ("full", "updates")),
+                f"{shown(found[f'{prefix}ratio_exact'], '.2f')} x",
+                *(shown(found[f"{prefix}{per}"], ".0f") for per in ("bytes_per_m2", "bytes_per_s_robot")),
+            ]
+            lines.append("| " + " | ".join((name, what, *cells, last)) + " |")
     return "\n".join(lines)
 
 

@@ -87,3 +87,24 @@ def test_an_interrupted_run_says_so_and_ends(tmp_path, timeout_factor, how):
     assert not list(scratch.glob("fleetmap-sim-*"))
     assert len(pids) == 2
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+@pytest.mark.parametrize("wire", [True, False])
+def test_a_run_is_shown_by_payload_and_wire_and_an_older_one_without_wire(fleetmap_command, tmp_path, wire):
+    names = {"vector": 1000, "deltas": 600, "grid_gzip_full": 50_000, "grid_gzip_updates": 9000}
+    document = {f"bytes_{name}": size for name, size in names.items()}
+    document |= {"per_robot": [{"robot": "r0", "sent": {"delta": 600, "pose": 400}}], "simulated_s": 10.0}
+    if wire:
+        document |= {"wire_bytes_vector": 8000, "wire_bytes_grid_gzip_full": 60_000, "bytes_per_m2": 4.0}
+        document |= {"wire_bytes_per_m2": 32.0}
+    (tmp_path / "RUN").mkdir()
+    (tmp_path / "RUN" / "stats.json").write_text(json.dumps(document))
+    found = fleetmap_command("stats", "RUN", "--json", cwd=tmp_path).document
+    assert found["codecs"] == names
+    assert found["ratios"]["grid_gzip_full"] == 50.0
+    assert found["wire_ratios"] == ({"vector": 1.0, "grid_gzip_full": 7.5} if wire else {})
+    table = fleetmap_command("stats", "RUN", cwd=tmp_path)
+    assert table.code == 0, table.err
+    assert "50.00" in table.out
+    assert ("7.50" in table.out) == wire
+    assert ("32.00" in table.out) == wire
