@@ -7,6 +7,7 @@ import json
 import signal
 import socket
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -160,6 +161,23 @@ async def test_a_robot_that_does_not_say_or_says_nonsense_is_shown_without_figur
         del mute
     finally:
         await asyncio.to_thread(session.close)
+
+
+async def test_a_robot_at_work_answers_at_once(endpoint, timeout_factor):
+    """Its engine has one thread, and a long map may keep that for seconds."""
+    async with (
+        robot("a", endpoint, first=True) as a,
+        Watcher("watched", profile="local", connect=[endpoint]) as watcher,
+    ):
+        await look_until(watcher, 1, timeout_factor)
+        done = threading.Event()
+        work = asyncio.ensure_future(a._read(lambda: done.wait(60 * timeout_factor)))
+        try:
+            (seen,) = await watcher.look()
+        finally:
+            done.set()
+        assert seen.figures is not None
+        assert await work
 
 
 async def test_a_closed_watcher_refuses(endpoint):

@@ -178,7 +178,7 @@ async def test_the_sync_facade_does_the_same() -> None:
 async def test_a_full_inbox_drops_samples_counts_them_and_keeps_tokens(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inbox_module, "MAX_ITEMS", 3)
     ledger = Ledger()
-    inbox = Inbox(asyncio.get_running_loop(), ledger)
+    inbox = Inbox(asyncio.get_running_loop(), ledger, lambda: b"")
     answered: list[list[bytes]] = []
     for _ in range(5):
         inbox.message("r", "delta", b"xx")

@@ -53,6 +53,11 @@ class Watch:
     endpoint: str
     robots: dict[str, Watched] = field(default_factory=dict)
 
+    @property
+    def reached(self) -> int:
+        """How many robots have answered."""
+        return sum(watched.figures is not None for watched in self.robots.values())
+
     def look(self, seen: list[Seen]) -> None:
         """Take in a look; who is not in it is gone, and stays with its last figures."""
         for robot in self.robots.keys() - {s.robot for s in seen}:
@@ -61,8 +66,8 @@ class Watch:
             known = self.robots.get(s.robot)
             if known is None:
                 known = self.robots[s.robot] = Watched(s)
-                by = s.endpoint or "another's link"
-                stderr.print(f"reached {s.robot} by {by}", markup=False, highlight=False)
+            if known.figures is None and s.figures is not None:
+                stderr.print(f"reached {s.robot} by {s.endpoint or self.endpoint}", markup=False, highlight=False)
             known.look(s)
 
 
@@ -93,22 +98,24 @@ async def watch_fleet(
                     time_s = time.monotonic() - began_s
                     if isinstance(shown, Live):
                         shown.update(as_table(summarize(watch, watcher, time_s)), refresh=True)
-                    if not watch.robots and not said and time_s >= SAY_NOBODY_S:
+                    if not watch.reached and not said and time_s >= SAY_NOBODY_S:
                         said = True
-                        stderr.print(f"nobody yet: {await nobody(watcher)}", markup=False, highlight=False)
+                        stderr.print(f"nobody yet: {await nobody(watch, watcher)}", markup=False, highlight=False)
                     if for_s is not None and time_s >= for_s:
                         break
-                    pause_s = LOOK_S if watch.robots else FIRST_LOOK_S
+                    pause_s = LOOK_S if watch.reached else FIRST_LOOK_S
                     await asyncio.sleep(pause_s if for_s is None else min(pause_s, max(0.0, for_s - time_s)))
             except asyncio.CancelledError:
                 pass  # Ctrl-C: what was seen is what is wanted
-        if not watch.robots:
-            raise LinkError(endpoint=watcher.endpoint, reason=await nobody(watcher))
+        if not watch.reached:
+            raise LinkError(endpoint=watcher.endpoint, reason=await nobody(watch, watcher))
         return summarize(watch, watcher, time.monotonic() - began_s)
 
 
-async def nobody(watcher: Watcher) -> str:
-    """Why no robot of the fleet was seen, and what to do."""
+async def nobody(watch: Watch, watcher: Watcher) -> str:
+    """Why no robot of the fleet has answered, and what to do."""
+    if watch.robots:
+        return f"{', '.join(watch.robots)} lives, but has not answered: busy, or of a version before; watch longer"
     endpoints, fleets = await watcher.surroundings()
     if fleets:
         names = ", ".join(fleets)
@@ -127,7 +134,7 @@ def summarize(watch: Watch, watcher: Watcher, time_s: float) -> dict[str, Any]:
         "fleet": watch.fleet,
         "endpoint": watch.endpoint,
         "time_s": round(time_s, 2),
-        "reached": sum(watched.figures is not None for watched in watch.robots.values()),
+        "reached": watch.reached,
         "watcher": {
             "questions": watcher.questions.messages,
             "answers": watcher.answers.messages,
@@ -143,7 +150,7 @@ def row(watched: Watched, fleet: str) -> dict[str, Any]:
     state = "alive" if seen.alive else "gone"
     head = {"robot": seen.robot, "alive": seen.alive, "state": state, "endpoint": seen.endpoint}
     if figures is None or watched.first is None:
-        return {**head, "state": f"{state}, doesn't say"}
+        return {**head, "state": f"{state}, no answer"}
     sent, age_s = counts(figures.sent), figures.age_ms / 1000
     found = compare(sent, counts(figures.grids), age_s, Transport(seen.robot, fleet))
     area_m2 = figures.explored_dm2 / DM2_A_M2

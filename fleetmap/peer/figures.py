@@ -13,7 +13,10 @@ DM2_A_M2 = 100
 
 
 def own_figures(engine: Engine, *, age_s: float) -> bytes:
-    """The answer to a watcher, from the ledger; it is counted apart from all that the robot says by itself."""
+    """The answer to a watcher, from the ledger; it is counted apart from all that the robot says by itself.
+
+    May be called from any thread, beside an engine at work: the ledger has a lock, and a stream never changes.
+    """
     sent, grids, watched, explored_m2 = engine.ledger.said()
     message = StatsMessage(
         engine.own.epoch,

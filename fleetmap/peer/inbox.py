@@ -70,10 +70,16 @@ class Inbox:
     """Takes items from any thread without blocking; the loop takes them out in batches.
 
     Tokens and ends of replies are small, bounded by peers and questions, and never dropped.
+
+    Parameters
+    ----------
+    loop : takes the items out
+    ledger : counts what is dropped
+    figures : what a watcher is answered. At once, from the link's thread: a robot that is busy is watched, too
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, ledger: Ledger) -> None:
-        self._loop, self._ledger = loop, ledger
+    def __init__(self, loop: asyncio.AbstractEventLoop, ledger: Ledger, figures: Callable[[], bytes]) -> None:
+        self._loop, self._ledger, self._figures = loop, ledger, figures
         self._items: deque[Item] = deque()
         self._size_bytes = 0
         self._lock = threading.Lock()
@@ -95,7 +101,9 @@ class Inbox:
 
     def query(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
         """A question came."""
-        if not self._put(Query(suffix, payload, reply), len(payload)):
+        if suffix == "stats":
+            reply([] if self._closed else [self._figures()])
+        elif not self._put(Query(suffix, payload, reply), len(payload)):
             self._ledger.dropped("?", suffix.partition("/")[0], len(payload), reason="queue_full")
             reply([])
 

@@ -133,7 +133,7 @@ class Peer:
             raise LinkError(endpoint=self.fleet, reason="a peer can be opened once; call join again")
         self._state, self._opened_s = "open", self._clock()
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=f"fleetmap-{self.robot}")
-        self._inbox = Inbox(asyncio.get_running_loop(), self._ledger)
+        self._inbox = Inbox(asyncio.get_running_loop(), self._ledger, self._figures)
         try:
             tokens = await self._link.open(self._inbox)
             if any(token.robot == self.robot for token in tokens):
@@ -427,6 +427,9 @@ class Peer:
             raise LinkError(endpoint=self.fleet, reason=_NOT_OPEN[self._state])
         return await asyncio.get_running_loop().run_in_executor(self._executor, call)
 
+    def _figures(self) -> bytes:
+        return own_figures(self._engine, age_s=self._clock() - self._opened_s)
+
     async def _look(self) -> View:
         return await self._read(partial(view, self._engine))
 
@@ -518,8 +521,6 @@ class Peer:
                     engine.on_alive(token.robot, token.epoch, token.instance, now_s=now_s)
                 case Gone(token):
                     engine.on_gone(token.robot, token.epoch, token.instance)
-                case Query("stats", _, reply):
-                    reply([own_figures(engine, age_s=now_s - self._opened_s)])
                 case Query(suffix, payload, reply):
                     reply(engine.on_query(suffix, payload))
                 case Reply(ask_id, payload):
