@@ -8,14 +8,16 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from fleetmap.cli.sim import USUAL, _telling
 from fleetmap.codecs.fmap import load_fmap
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.map_server import load_map
-from fleetmap.peer.rendezvous import rendezvous
+from fleetmap.peer.rendezvous import PORT, rendezvous
 from fleetmap.sims import Progress, SimConfig, run_fleet
 from fleetmap.sims.fleet import name_fleet
 
@@ -81,6 +83,22 @@ async def test_a_second_run_neither_joins_nor_splits_the_first_one(tmp_path) -> 
         async with rendezvous("tcp/127.0.0.1:0") as third:
             assert third.endpoint not in (first.endpoint, second.endpoint)
     assert name_fleet(SimConfig(out=tmp_path, fleet="mine"), second) == "mine"
+
+
+def test_a_run_that_found_the_usual_place_taken_says_where_it_is(tmp_path, capsys) -> None:
+    moved = Progress("exploring", 0.0, "tcp/127.0.0.1:43211", (), "sim-ab12")
+    shown: list[Progress] = []
+    for config, progress in (
+        (SimConfig(out=tmp_path), moved),
+        (SimConfig(out=tmp_path), replace(moved, endpoint=USUAL, fleet="sim")),
+        (SimConfig(out=tmp_path, listen="tcp/127.0.0.1:0"), moved),
+    ):
+        tell = _telling(config, shown.append)
+        tell(progress)
+        tell(progress)
+    assert len(shown) == 6
+    assert capsys.readouterr().err.count("this fleet is sim-ab12 at tcp/127.0.0.1:43211") == 1
+    assert f"tcp/127.0.0.1:{PORT}" == USUAL
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,11 @@ from fleetmap.cli.output import AsJson, print_json, print_table, stderr
 from fleetmap.model.kernel_cache import load_kernels
 
 if TYPE_CHECKING:
-    from fleetmap.sims import Progress
+    from fleetmap.sims import Progress, SimConfig
+
+
+USUAL = "tcp/127.0.0.1:7447"
+"""Where a fleet meets that was told no place."""
 
 
 def sim(
@@ -77,9 +82,9 @@ def sim(
             pass
     if stderr.is_terminal:
         with Live(console=stderr, refresh_per_second=4, transient=True) as live:
-            result = run_fleet(config, on_progress=lambda progress: live.update(_progress_table(progress)))
+            result = run_fleet(config, _telling(config, lambda progress: live.update(_progress_table(progress))))
     else:
-        result = run_fleet(config, on_progress=_PlainProgress())
+        result = run_fleet(config, _telling(config, _PlainProgress()))
     document = result.document
     if as_json:
         print_json(document)
@@ -87,6 +92,25 @@ def sim(
         _print_summary(document, result.out)
     if not document["converged"]:
         raise typer.Exit(1)
+
+
+def _telling(config: SimConfig, show: Callable[[Progress], None]) -> Callable[[Progress], None]:
+    """As ``show``; says first if the fleet has another name and place than the usual ones, unasked."""
+    told = config.fleet is not None or config.listen is not None
+
+    def on_progress(progress: Progress) -> None:
+        nonlocal told
+        if not told and progress.endpoint != USUAL:
+            stderr.print(
+                f"{USUAL} is another's, perhaps another run's: this fleet is {progress.fleet} at {progress.endpoint}",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
+        told = True
+        show(progress)
+
+    return on_progress
 
 
 def _progress_table(progress: Progress) -> Table:
