@@ -1,6 +1,24 @@
-"""``python -m fleetmap`` is the command ``fleetmap``."""
+"""``fleetmap`` and ``python -m fleetmap``: the command line from its first moment, in which Ctrl-C may come as well."""
 
-from fleetmap.cli.main import main
+import signal
+import sys
+
+from fleetmap.model.interrupts import interrupts_later
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    # What service managers, containers and `timeout` send: end as cleanly as on Ctrl-C.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    try:
+        with interrupts_later():
+            from fleetmap.cli.main import run
+    except KeyboardInterrupt:
+        sys.exit(130)
+    code = run(sys.argv[1:])
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: what comes now would only spoil the exit code
+    sys.exit(code)
+
 
 if __name__ == "__main__":
     main()

@@ -1,4 +1,4 @@
-"""``fleetmap``: the commands, and what each way to fail looks like from outside.
+"""The commands, and what each way to fail looks like from outside.
 
 Exit codes: 0 ok, 1 ran but failed, 2 usage, 130 interrupted. With ``--json`` stdout holds exactly one JSON
 document, also for errors.
@@ -6,15 +6,15 @@ document, also for errors.
 
 from __future__ import annotations
 
-import signal
-import sys
 import warnings
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
+from fleetmap.__main__ import main as main
 from fleetmap.cli.compare import compare
+from fleetmap.cli.compiling import CompilingShown
 from fleetmap.cli.output import print_json, stderr
 from fleetmap.cli.paper import paper
 from fleetmap.cli.rasterize import rasterize
@@ -23,6 +23,7 @@ from fleetmap.cli.stats import stats
 from fleetmap.cli.vectorize import vectorize
 from fleetmap.cli.warmup import warmup
 from fleetmap.model.errors import ConfigError, FleetmapError
+from fleetmap.model.kernel_compiler import listen
 from fleetmap.version import __version__
 
 app = typer.Typer(
@@ -49,13 +50,6 @@ def top(
         raise typer.Exit
 
 
-def main() -> None:
-    """Run the command line and exit with its code."""
-    # What service managers, containers and `timeout` send: end as cleanly as on Ctrl-C.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
-    sys.exit(run(sys.argv[1:]))
-
-
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code."""
     as_json = "--json" in arguments
@@ -68,6 +62,8 @@ def run(arguments: list[str]) -> int:
             stderr.print(f"[yellow]warning:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
 
     warnings.showwarning = show_once
+    compiling = CompilingShown()
+    listen(compiling)
     try:
         result = app(arguments, prog_name="fleetmap", standalone_mode=False)
         if result == 130:  # newer versions of typer turn Ctrl-C into this
@@ -85,6 +81,9 @@ def run(arguments: list[str]) -> int:
         if not isinstance(error, _UsageError):
             raise
         return _fail(error, 2, as_json)
+    finally:
+        compiling.close()
+        listen(None)
 
 
 def _fail(error: BaseException, code: int, as_json: bool) -> int:

@@ -9,7 +9,6 @@ import typer
 
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.kernel_cache import load_kernels
 
 
 def paper(
@@ -31,12 +30,13 @@ def paper(
 
     or the smallest terrains only, and real maps beside them:  fleetmap paper --sizes 10 --maps maps
     """
+    from fleetmap.model.kernel_cache import kernel_modules
+    from fleetmap.model.kernel_compiler import compile_ahead
     from fleetmap.paper import PaperConfig, make_tables, run_paper
 
     config = PaperConfig(out=out, sizes_m=parse_sizes(sizes), maps=maps)
-    with stderr.status("compiling kernels (only once)") as status:
-        for _ in load_kernels():
-            pass
+    compile_ahead(kernel_modules())
+    with stderr.status("paper") as status:
 
         def say(what: str) -> None:
             status.update(what)

@@ -11,7 +11,6 @@ from rich.live import Live
 from rich.table import Table
 
 from fleetmap.cli.output import AsJson, print_json, print_table, stderr
-from fleetmap.model.kernel_cache import load_kernels
 
 if TYPE_CHECKING:
     from fleetmap.sims import Progress, SimConfig
@@ -60,7 +59,10 @@ def sim(
 
     or on a real map, and waiting for guests:  fleetmap sim --world map.yaml --hold-s 30
     """
+    from fleetmap.model.kernel_cache import modules_of
+    from fleetmap.model.kernel_compiler import compile_ahead
     from fleetmap.sims import SimConfig, run_fleet
+    from fleetmap.sims.fleet import KERNELS
 
     config = SimConfig(
         out=out,
@@ -77,9 +79,7 @@ def sim(
         pose_noise_m=pose_noise,
         radius_m=radius,
     )
-    with stderr.status("compiling kernels (only once)"):
-        for _ in load_kernels():
-            pass
+    compile_ahead(modules_of(*KERNELS))
     if stderr.is_terminal:
         with Live(console=stderr, refresh_per_second=4, transient=True) as live:
             result = run_fleet(config, _telling(config, lambda progress: live.update(_progress_table(progress))))

@@ -71,7 +71,10 @@ def stats(
         return
     from fleetmap.cli.map_stats import measure_map
     from fleetmap.cli.maps import read_map_server
+    from fleetmap.model.kernel_cache import modules_of
+    from fleetmap.model.kernel_compiler import compile_ahead
 
+    compile_ahead(modules_of("model", "vectorize", "codecs"))
     documents = []
     for path in inputs:
         grid = read_map_server(path)

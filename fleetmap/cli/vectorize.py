@@ -128,6 +128,8 @@ def vectorize(
     from fleetmap.codecs.fgrid import save_fgrid
     from fleetmap.codecs.fmap import save_fmap
     from fleetmap.model.errors import ConfigError
+    from fleetmap.model.kernel_cache import modules_of
+    from fleetmap.model.kernel_compiler import compile_ahead
     from fleetmap.vectorize import rasterize, verify
     from fleetmap.vectorize import vectorize as vectorize_grid
     from fleetmap.vectorize.paper_method import vectorize_by_paper
@@ -153,6 +155,8 @@ def vectorize(
             return vectorize_by_paper(cells, reading=reading.value, epsilon_cells=options.epsilon_cells)
         return vectorize_grid(cells, profile=profile.value, epsilon_cells=epsilon, specks=specks)
 
+    groups = ("vectorize.paper",) if by_paper else ("vectorize",)
+    compile_ahead(modules_of("model", *groups, "vectorize.verify", "codecs"))
     make()  # the first call loads the kernels
     started = time.perf_counter()
     vector_map = make()

@@ -4,35 +4,38 @@ from __future__ import annotations
 
 import time
 
+import typer
+
 from fleetmap.cli.output import AsJson, print_json, stderr
 
 
 def warmup(as_json: AsJson = False) -> None:
-    """Compile all numba kernels into the cache, and say where it is.
+    """Compile all numba kernels into the cache, on all cores, and say where it is.
 
-    Takes a minute or so once after an installation, and next to nothing after that. Without a writable
-    cache folder each process compiles for itself: the command says so and exits with 1; set
-    NUMBA_CACHE_DIR to a folder that can be written.
+    Takes a minute or two once after an installation, and a second or two after that. What is cut or stale in the
+    cache is replaced. Without a writable cache folder each process compiles for itself: the command says so and
+    exits with 1; set NUMBA_CACHE_DIR to a folder that can be written. From a full folder kernels are read whether
+    or not it can be written.
 
     Example:  fleetmap warmup
     """
-    import typer
-
-    from fleetmap.model.kernel_cache import cache_folder, kernel_modules, load_kernels
+    from fleetmap.model.kernel import cached_in
+    from fleetmap.model.kernel_cache import is_temporary, kernel_modules
+    from fleetmap.model.kernel_compiler import compile_ahead
 
     started = time.perf_counter()
     names = kernel_modules()
-    with stderr.status("compiling") as status:
-        for name in load_kernels():
-            status.update(f"compiling {name}")
-    folder = cache_folder()
+    compile_ahead(names)
+    folders = [cached_in(name) for name in names]
+    cached = all(folder is not None and not is_temporary(folder) for folder in folders)
+    cache = str(folders[0]) if cached else None
     seconds = time.perf_counter() - started
     if as_json:
-        print_json({"modules": names, "duration_s": seconds, "cache": folder, "cached": folder is not None})
-    elif folder is None:
+        print_json({"modules": list(names), "duration_s": seconds, "cache": cache, "cached": cached})
+    elif cached:
+        typer.echo(f"{len(names)} kernel modules ready in {seconds:.1f} s; cache: {cache}")
+    else:
         stderr.print(f"{len(names)} kernel modules compiled in {seconds:.1f} s, but no cache folder can be written:")
         stderr.print("each process will compile again. Set NUMBA_CACHE_DIR to a folder that can be written.")
-    else:
-        typer.echo(f"{len(names)} kernel modules ready in {seconds:.1f} s; cache: {folder}")
-    if folder is None:
+    if not cached:
         raise typer.Exit(1)

@@ -7,10 +7,10 @@ a key: (y + 2^20) 2^22 + x + 2^20.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.model.band_kernels import canonical_rows
+from fleetmap.model.kernel import kernel
 from fleetmap.model.row_kernels import FAR, GOOD, KEY_BITS, LIMIT, THERE
 from fleetmap.model.sort_kernels import lower_bound, order_of
 
@@ -18,19 +18,19 @@ DY, DX, CLASS, STARTS, THICKNESS = range(5)
 """Columns of ``DeltaFields.edges``."""
 
 
-@njit("i8(i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8, i8)")
 def vertex_key(y: int, x: int) -> int:
     """A vertex as one number, ascending like (y, x)."""
     return (y + LIMIT) << KEY_BITS | (x + LIMIT)
 
 
-@njit("i8(i8)", cache=True, nogil=True)
+@kernel("i8(i8)")
 def class_of(label: int) -> int:
     """Of a label of either direction: 0 free and occupied, 1 free and unknown, 2 occupied and unknown."""
     return label // 3 + label % 3 - 1
 
 
-@njit("Tuple((i8[::1], i8[::1], i8[::1]))(i4[:,::1])", cache=True, nogil=True)
+@kernel("Tuple((i8[::1], i8[::1], i8[::1]))(i4[:,::1])")
 def endpoints(edges: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Take the vertices of some edges, (n, 5), ascending, each once.
 
@@ -59,7 +59,7 @@ def endpoints(edges: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.i
     return vertices[:count], surplus[:count], leaving[:count]
 
 
-@njit("Tuple((i8[::1], i8[:,::1], i8[:,::1], i8))(i4[:,::1], i4[:,::1], u1[::1])", cache=True, nogil=True)
+@kernel("Tuple((i8[::1], i8[:,::1], i8[:,::1], i8))(i4[:,::1], i4[:,::1], u1[::1])")
 def find_walks(
     removed: NDArray[np.int32], added: NDArray[np.int32], thickness: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], int]:
@@ -178,7 +178,7 @@ def find_walks(
     return known_roots, absolute, edges, thick_frontiers
 
 
-@njit("Tuple((i8, i4[:,::1]))(i4[:,::1], i8[::1], i8[:,::1], i8[:,::1])", cache=True, nogil=True)
+@kernel("Tuple((i8, i4[:,::1]))(i4[:,::1], i8[::1], i8[:,::1], i8[:,::1])")
 def lay_edges(
     removed: NDArray[np.int32], known_roots: NDArray[np.int64], absolute: NDArray[np.int64], edges: NDArray[np.int64]
 ) -> tuple[int, NDArray[np.int32]]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs.range_kernels import AT, GOOD, MODE, NOT_SHORTEST, READ, STATUS, decide
+from fleetmap.model.kernel import kernel
 
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
@@ -30,7 +30,7 @@ START_WEIGHT = 22938
 """0.35, in 65536ths: weights add up to more than 1, since neighbourhoods are surer together."""
 
 
-@njit("void(u4[::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("void(u4[::1], i8, i8)", inline="always")
 def learn(table: NDArray[np.uint32], at: int, value: int) -> None:
     """Move a chance towards what has happened."""
     cell = np.int64(table[at])
@@ -39,7 +39,7 @@ def learn(table: NDArray[np.uint32], at: int, value: int) -> None:
     table[at] = (chance << SEEN_BITS) | min(seen + 1, MOST_SEEN)
 
 
-@njit("i8(i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8)", inline="always")
 def log_size(run: int) -> int:
     """The length in bits of a run, at most 12."""
     size = 0
@@ -49,13 +49,13 @@ def log_size(run: int) -> int:
     return size
 
 
-@njit("i8(u1[:,::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(u1[:,::1], i8, i8)", inline="always")
 def base_at(base: NDArray[np.uint8], y: int, x: int) -> int:
     """The base's state; unknown beyond its rim."""
     return np.int64(base[y, x]) if 0 <= y < base.shape[0] and 0 <= x < base.shape[1] else 2
 
 
-@njit("void(i8[::1], u1[::1], u1[:,::1], u1[:,::1], i8[::1], i8[::1])", cache=True, nogil=True)
+@kernel("void(i8[::1], u1[::1], u1[:,::1], u1[:,::1], i8[::1], i8[::1])")
 def code_states(
     coder: NDArray[np.int64],
     data: NDArray[np.uint8],

@@ -7,7 +7,6 @@ lengths bound it. A context's number comes from classes with a known largest val
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs import mode1_layout as at
@@ -31,13 +30,14 @@ from fleetmap.codecs.range_kernels import (
     told,
 )
 from fleetmap.codecs.step_kernels import FIELDS, ONE, QUADRANT, code_step, in_frame, look_back
+from fleetmap.model.kernel import kernel
 from fleetmap.model.row_kernels import KEY_BITS, LIMIT
 
 MAX_TARGETS = 32
 """Most places where walks are expected to end; they are looked through for each step."""
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8, i8)")
 def _thickness(
     coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.uint8], context: int, value: int
 ) -> int:
@@ -54,7 +54,7 @@ def _thickness(
     return value
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8[::1], i8[::1], i8[::1])", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8[::1], i8[::1], i8[::1])")
 def _known_roots(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
@@ -80,7 +80,7 @@ def _known_roots(
     return n
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8, i8, i8)")
 def _absolute_roots(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
@@ -119,7 +119,7 @@ def _absolute_roots(
     return count
 
 
-@njit("i8(i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8, i8, i8)")
 def _kind_of_way(dy: int, dx: int, quadrant: int) -> int:
     """Of the way to a target: 0 along an axis, 4 slanting, else by its quadrant: 1 across, 2 ahead, 3 back."""
     off = min(abs(dy), abs(dx))
@@ -129,10 +129,8 @@ def _kind_of_way(dy: int, dx: int, quadrant: int) -> int:
     return 1 if turn & 1 else 2 if turn == 0 else 3
 
 
-@njit(
+@kernel(
     "i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8[::1], i8, i8, i8, i8, i8, i8, i8, i8, i8)",
-    cache=True,
-    nogil=True,
     inline="always",
 )
 def _code_target(
@@ -183,7 +181,7 @@ def _code_target(
     return np.sort(near[:count])[rank] & 63
 
 
-@njit("void(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8, i8, i8)")
 def _walk_thickness(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
@@ -222,10 +220,8 @@ def _walk_thickness(
         has_one = beside = 1
 
 
-@njit(
+@kernel(
     "void(i8[::1], i8[::1], u1[::1], i4[:,::1], i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8[::1], i8)",
-    cache=True,
-    nogil=True,
 )
 def code_walks(
     coder: NDArray[np.int64],
@@ -338,7 +334,7 @@ def code_walks(
     counts[0], counts[1], counts[2] = n_known, n_roots, n
 
 
-@njit("void(i8[::1], i8[::1], u1[::1], i8[:,::1], i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[::1], i8[::1], u1[::1], i8[:,::1], i8[::1], i8, i8)")
 def code_rethickened(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],

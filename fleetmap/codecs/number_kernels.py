@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs.chain_kernels import CLASS, DX, DY, STARTS, THICKNESS
+from fleetmap.model.kernel import kernel
 
 MAX_BYTES = 5
 """Longest number, in bytes: 35 bits, far more than any count or coordinate takes."""
@@ -15,13 +15,13 @@ GOOD, CUT_OFF, TOO_LONG, NOT_SHORTEST = range(4)
 """What is wrong with bytes (``leb128.REASONS``)."""
 
 
-@njit("i8(i8)", cache=True, nogil=True)
+@kernel("i8(i8)")
 def _zigzag(value: int) -> int:
     """0, -1, 1, -2, ... -> 0, 1, 2, 3, ..."""
     return value << 1 ^ value >> 63
 
 
-@njit("i8[::1](i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8[::1](i8[::1], i8[::1], i8[:,::1], i8[:,::1], i8[:,::1], i8)")
 def numbers_of(
     removed: NDArray[np.int64],
     known_roots: NDArray[np.int64],
@@ -80,7 +80,7 @@ def numbers_of(
     return numbers
 
 
-@njit("Tuple((b1, u1[::1]))(i8[::1])", cache=True, nogil=True)
+@kernel("Tuple((b1, u1[::1]))(i8[::1])")
 def to_leb128(values: NDArray[np.int64]) -> tuple[bool, NDArray[np.uint8]]:
     """Whether all numbers are in [0, 2^35), and them, seven bits a byte."""
     data = np.empty(MAX_BYTES * len(values), np.uint8)
@@ -98,7 +98,7 @@ def to_leb128(values: NDArray[np.int64]) -> tuple[bool, NDArray[np.uint8]]:
     return True, data[:at]
 
 
-@njit("Tuple((i8, i8[::1]))(u1[::1])", cache=True, nogil=True)
+@kernel("Tuple((i8, i8[::1]))(u1[::1])")
 def from_leb128(data: NDArray[np.uint8]) -> tuple[int, NDArray[np.int64]]:
     """All the numbers in ``data``, and what is wrong with them."""
     values = np.empty(len(data), np.int64)

@@ -9,10 +9,10 @@ fast + 2^16 slow + 2^32 seen. Whole numbers below 2^48 only: the same bytes ever
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs.contexts import LENGTHS, TREE, UNARY
+from fleetmap.model.kernel import kernel
 
 MODE, LOW, RANGE, AT, STATUS, ITEMS, MOST_ITEMS, MOST_EDGES = range(8)
 """READ, WRITE or COUNT; the interval's start (of the code in it, when reading) and width; bytes written or read; what
@@ -40,7 +40,7 @@ TOP = 1 << 24
 WHOLE = (1 << 32) - 1
 
 
-@njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[::1], u1[::1])")
 def begin(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """Start writing, or read the first four bytes; the other fields of ``coder`` are set already."""
     coder[RANGE] = WHOLE
@@ -54,7 +54,7 @@ def begin(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
             coder[STATUS] = FIRST
 
 
-@njit("void(u1[::1], i8)", cache=True, nogil=True)
+@kernel("void(u1[::1], i8)")
 def _carry(data: NDArray[np.uint8], at: int) -> None:
     """Add one to the number that the first ``at`` bytes are."""
     at -= 1
@@ -65,7 +65,7 @@ def _carry(data: NDArray[np.uint8], at: int) -> None:
         data[at] = data[at] + 1
 
 
-@njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[::1], u1[::1])")
 def renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """Bytes out, or in, until the interval is wide enough for the next decision."""
     if coder[LOW] > WHOLE:  # only when writing
@@ -86,7 +86,7 @@ def renew(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
             coder[LOW] = coder[LOW] << 8 & WHOLE
 
 
-@njit("i8(i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8[::1], u1[::1], i8, i8)", inline="always")
 def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value: int) -> int:
     """One decision that is 1 with a chance out of 2^16; it is written, or read and returned."""
     bound = (coder[RANGE] >> 16) * chance
@@ -102,13 +102,13 @@ def decide(coder: NDArray[np.int64], data: NDArray[np.uint8], chance: int, value
     return value
 
 
-@njit("i8(i8[::1], u1[::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], u1[::1], i8)")
 def even(coder: NDArray[np.int64], data: NDArray[np.uint8], value: int) -> int:
     """One decision that is as likely as not."""
     return value if coder[MODE] == COUNT else decide(coder, data, 32768, value)
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8, i8)", inline="always")
 def told(coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.uint8], context: int, value: int) -> int:
     """One decision, whose chance is learned in ``context``."""
     if coder[MODE] == COUNT:
@@ -124,7 +124,7 @@ def told(coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.u
     return value
 
 
-@njit("i8(i8)", cache=True, nogil=True)
+@kernel("i8(i8)")
 def length_of(value: int) -> int:
     """How many bits a number >= 0 has."""
     length = 0
@@ -134,7 +134,7 @@ def length_of(value: int) -> int:
     return length
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8, i8)")
 def amount(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
@@ -169,7 +169,7 @@ def amount(
     return result - 1
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8, i8, i8)")
 def signed(
     coder: NDArray[np.int64], memory: NDArray[np.int64], data: NDArray[np.uint8], context: int, lower: int, value: int
 ) -> int:
@@ -178,7 +178,7 @@ def signed(
     return -size if size and even(coder, data, 1 if value < 0 else 0) else size
 
 
-@njit("void(i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[::1], i8, i8)")
 def spend(coder: NDArray[np.int64], items: int, edges: int) -> None:
     """Note that so many items follow, and how many edges or roots there are by then: what hostile bytes may cost."""
     coder[ITEMS] += items
@@ -186,7 +186,7 @@ def spend(coder: NDArray[np.int64], items: int, edges: int) -> None:
         coder[STATUS] = TOO_MANY
 
 
-@njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[::1], u1[::1])")
 def finish_writing(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """The shortest bytes whose number lies in the interval, and of those the least; ``coder[AT]`` is their count."""
     if coder[STATUS] != GOOD:
@@ -209,7 +209,7 @@ def finish_writing(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     coder[AT] = at
 
 
-@njit("void(i8[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[::1], u1[::1])")
 def finish_reading(coder: NDArray[np.int64], data: NDArray[np.uint8]) -> None:
     """Check that the data are what ``finish_writing`` gives for the decisions that were read."""
     if coder[STATUS] != GOOD:

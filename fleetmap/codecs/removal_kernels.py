@@ -7,7 +7,6 @@ both bytes and time depend on what lies around the change, and not on how large 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs import mode1_layout as at
@@ -25,6 +24,7 @@ from fleetmap.codecs.range_kernels import (
     spend,
     told,
 )
+from fleetmap.model.kernel import kernel
 from fleetmap.model.row_kernels import KEY_BITS
 from fleetmap.model.sort_kernels import lower_bound, order_of
 
@@ -43,7 +43,7 @@ REACH = 2
 """Removed edges go into one window if there is at most one square between them: a window takes about two bytes."""
 
 
-@njit("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], u1[::1], i8[:,::1], i8, i8)")
 def code_windows(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],
@@ -76,7 +76,7 @@ def code_windows(
     return count
 
 
-@njit("i8(i8[::1], i4[:,::1], i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i4[:,::1], i8[::1], i8, i8)")
 def _count_in(
     coder: NDArray[np.int64], block: NDArray[np.int32], window: NDArray[np.int64], start: int, end: int
 ) -> int:
@@ -89,7 +89,7 @@ def _count_in(
     return count
 
 
-@njit("i8(i8[::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8)")
 def _slot(table: NDArray[np.int64], key: int) -> int:
     """Where a key stands in a hash table of 2^n slots, or where it will."""
     mask = len(table) - 1
@@ -99,10 +99,8 @@ def _slot(table: NDArray[np.int64], key: int) -> int:
     return slot
 
 
-@njit(
+@kernel(
     "void(i8[::1], i8[::1], u1[::1], i4[:,::1], i8[:,::1], i8[:,::1], i8[::1], i4[:,::1], i8[::1])",
-    cache=True,
-    nogil=True,
 )
 def code_removed(
     coder: NDArray[np.int64],
@@ -172,7 +170,7 @@ def code_removed(
             return
 
 
-@njit("i8(i8[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8, i8)")
 def _merge_near(boxes: NDArray[np.int64], count: int, reach: int) -> int:
     """Merge boxes (low band, high band, low column, high column) that are near each other; how many are left."""
     i = 1
@@ -196,7 +194,7 @@ def _merge_near(boxes: NDArray[np.int64], count: int, reach: int) -> int:
     return count
 
 
-@njit("i8(i4[:,::1], i8[::1], i8[::1], i8[:,::1])", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8[::1], i8[::1], i8[:,::1])")
 def choose_windows(
     removed: NDArray[np.int32], numbers: NDArray[np.int64], places: NDArray[np.int64], windows: NDArray[np.int64]
 ) -> int:

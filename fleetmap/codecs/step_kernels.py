@@ -7,18 +7,18 @@ walls look alike, whichever way they run.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.codecs.contexts import ALONG, GROUP, LOWER, OFF, OFF_LOWER, SLANT, STEP, TURNS, UNARY
 from fleetmap.codecs.range_kernels import amount, length_of, told
+from fleetmap.model.kernel import kernel
 
 QUADRANT, ONE, TWO, ASIDE, TURN, LAST_TURN, FIELDS = range(7)
 """What a walk remembers: the quadrant of its last step; how far along that one and the one before went; how far to the
 left the last one went; its turn, 0 on, 1 left, 2 else, 3 none yet; and that turn in quadrants."""
 
 
-@njit("Tuple((i8, i8, i8))(i8, i8)", cache=True, nogil=True)
+@kernel("Tuple((i8, i8, i8))(i8, i8)")
 def in_frame(dy: int, dx: int) -> tuple[int, int, int]:
     """Of a step the quadrant it goes to (0 right, 1 up, 2 left, 3 down), how far along, and how far to the left.
 
@@ -35,7 +35,7 @@ def in_frame(dy: int, dx: int) -> tuple[int, int, int]:
     return 0, 0, 0
 
 
-@njit("void(i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[::1], i8, i8)")
 def look_back(walk: NDArray[np.int64], dy: int, dx: int) -> None:
     """A walk begins, as if (dy, dx) had been the step before; (0, 0): it looks back to nothing."""
     walk[:] = 0
@@ -43,7 +43,7 @@ def look_back(walk: NDArray[np.int64], dy: int, dx: int) -> None:
     walk[TURN] = 3
 
 
-@njit("Tuple((i8, i8))(i8[::1], i8[::1], u1[::1], i8, i8, i8[::1], i8, i8, i8)", cache=True, nogil=True)
+@kernel("Tuple((i8, i8))(i8[::1], i8[::1], u1[::1], i8, i8, i8[::1], i8, i8, i8)")
 def code_step(
     coder: NDArray[np.int64],
     memory: NDArray[np.int64],

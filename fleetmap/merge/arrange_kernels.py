@@ -10,13 +10,14 @@ any edge: doubled differences of at most 2^23 by 2^17, twice: 2^41. Pixel tests 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
 
 
-@njit("Tuple((int64[::1], int64[::1]))(int64[::1], int64[::1], int64, int64, int64)", cache=True, nogil=True)
+@kernel("Tuple((int64[::1], int64[::1]))(int64[::1], int64[::1], int64, int64, int64)")
 def band_index(y0: Ints, y1: Ints, low: int, shift: int, n_bands: int) -> tuple[Ints, Ints]:
     """Edges by band of y: those of band b are ``items[start[b]:start[b + 1]]``, in the order given.
 
@@ -37,7 +38,7 @@ def band_index(y0: Ints, y1: Ints, low: int, shift: int, n_bands: int) -> tuple[
     return start, items
 
 
-@njit("UniTuple(int64, 2)(int64, int64, int64, int64, int64, int64, int64, int64)", cache=True, nogil=True)
+@kernel("UniTuple(int64, 2)(int64, int64, int64, int64, int64, int64, int64, int64)")
 def sides_if_crossing(ay: int, ax: int, by: int, bx: int, cy: int, cx: int, ey: int, ex: int) -> tuple[int, int]:
     """On which sides of edge c to e the points a and b lie (cross products), if the insides of both edges cross.
 
@@ -56,7 +57,7 @@ def sides_if_crossing(ay: int, ax: int, by: int, bx: int, cy: int, cx: int, ey: 
     return side_a, side_b
 
 
-@njit("int64[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64, int64)", cache=True, nogil=True)
+@kernel("int64[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64, int64)")
 def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources: int, most: int) -> Ints:
     """In how many crossings each source has a part; stops soon after ``most`` of them.
 
@@ -86,7 +87,7 @@ def count_crossings(ends: Ints, owner: Ints, start: Ints, items: Ints, n_sources
     return counts
 
 
-@njit("int64[:, ::1](int64[:, ::1], int64[::1], int64[::1])", cache=True, nogil=True)
+@kernel("int64[:, ::1](int64[:, ::1], int64[::1], int64[::1])")
 def crossings(ends: Ints, start: Ints, items: Ints) -> Ints:
     """Points (y, x), rounded half up, at which the insides of two edges (y0, x0, y1, x1), y0 <= y1, cross.
 
@@ -125,7 +126,7 @@ def crossings(ends: Ints, start: Ints, items: Ints) -> Ints:
     return out[:n].copy()
 
 
-@njit("boolean(int64, int64, int64, int64, int64, int64)", cache=True, nogil=True)
+@kernel("boolean(int64, int64, int64, int64, int64, int64)")
 def meets_pixel(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> bool:
     """Whether the edge a to b meets the half-open unit square [p - 1/2, p + 1/2) around lattice point p.
 
@@ -160,7 +161,7 @@ def meets_pixel(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> bool:
     return order < 0 or (order == 0 and lo_in and hi_in)
 
 
-@njit("Tuple((int64[:, ::1], int64[::1]))(int64[:, ::1], int64[:, ::1])", cache=True, nogil=True)
+@kernel("Tuple((int64[:, ::1], int64[::1]))(int64[:, ::1], int64[:, ::1])")
 def route(ends: Ints, hot: Ints) -> tuple[Ints, Ints]:
     """Lead each edge (y0, x0, y1, x1), y0 <= y1, through the hot pixels that it meets, in order.
 
@@ -210,11 +211,9 @@ def route(ends: Ints, hot: Ints) -> tuple[Ints, Ints]:
     return pieces[:n].copy(), owner[:n].copy()
 
 
-@njit(
+@kernel(
     "Tuple((boolean[::1], boolean[::1]))"
     "(int64[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64, int64, int64)",
-    cache=True,
-    nogil=True,
 )
 def free_sides(
     ends: Ints, first: Ints, source: Ints, winding: Ints, start: Ints, items: Ints, low: int, shift: int, n_sources: int

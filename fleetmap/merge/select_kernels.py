@@ -9,20 +9,20 @@ then at most 2^62.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.merge import place
+from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
 
 LOOSE_STEPS = 2
 """How far beyond the end of a wall another one still counts as explained: what rounding to the lattice takes."""
 
-pair_cell = njit("int64(int64, int64)", cache=True, nogil=True)(place.pair_cell)
+pair_cell = kernel("int64(int64, int64)")(place.pair_cell)
 
 
-@njit("boolean(int64, int64, int64, int64, int64, int64, int64)", cache=True, nogil=True)
+@kernel("boolean(int64, int64, int64, int64, int64, int64, int64)")
 def within(py: int, px: int, ay: int, ax: int, by: int, bx: int, reach: int) -> bool:
     """Whether point p is at most ``reach`` from the segment a to b, exactly."""
     if py < min(ay, by) - reach or py > max(ay, by) + reach or px < min(ax, bx) - reach or px > max(ax, bx) + reach:
@@ -38,11 +38,9 @@ def within(py: int, px: int, ay: int, ax: int, by: int, bx: int, reach: int) -> 
     return cross <= reach * (abs(dx) + abs(dy)) and cross * cross <= reach * reach * length2
 
 
-@njit(
+@kernel(
     "boolean(int64, int64, int64, int64, int64[:, ::1], int64[::1], boolean[::1], int64[::1], int64[::1], int64,"
     " int64)",
-    cache=True,
-    nogil=True,
 )
 def beyond_tip(
     py: int,
@@ -92,11 +90,9 @@ def beyond_tip(
     return True
 
 
-@njit(
+@kernel(
     "boolean(int64[:, ::1], int64[::1], int64[::1], int64, int64, boolean, int64[::1], boolean[::1], int64[::1],"
     " int64[::1], int64, int64)",
-    cache=True,
-    nogil=True,
 )
 def covered(
     ends: Ints,
@@ -137,11 +133,9 @@ def covered(
     return True
 
 
-@njit(
+@kernel(
     "boolean[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64,"
     " int64, int64, boolean)",
-    cache=True,
-    nogil=True,
 )
 def explained(
     ends: Ints,

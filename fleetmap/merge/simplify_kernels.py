@@ -8,19 +8,17 @@ most 2^13, and points are only compared with chords whose box, grown by the slac
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.merge.place import MAX_LENGTH
 from fleetmap.merge.select_kernels import within
+from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
 
 
-@njit(
+@kernel(
     "Tuple((int64[::1], int64[::1], int64[::1]))(int64[::1], int64[::1], int64[::1], int64[::1], int64)",
-    cache=True,
-    nogil=True,
 )
 def chains(v0: Ints, v1: Ints, kind: Ints, turned: Ints, n_vertices: int) -> tuple[Ints, Ints, Ints]:
     """Maximal chains of edges of one kind through vertices of degree 2.
@@ -84,7 +82,7 @@ def chains(v0: Ints, v1: Ints, kind: Ints, turned: Ints, n_vertices: int) -> tup
     return points[:n_points].copy(), offsets[: n_chains + 1].copy(), steps[:n_steps].copy()
 
 
-@njit("boolean(int64[:, ::1], int64[::1], int64, int64, int64)", cache=True, nogil=True)
+@kernel("boolean(int64[:, ::1], int64[::1], int64, int64, int64)")
 def chord_fits(at: Ints, chain: Ints, i: int, j: int, slack: int) -> bool:
     """Whether the chord from vertex i to j of a chain may stand for the edges between them.
 
@@ -139,10 +137,8 @@ def chord_fits(at: Ints, chain: Ints, i: int, j: int, slack: int) -> bool:
     return True
 
 
-@njit(
+@kernel(
     "int64[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], boolean[::1], int64, int64)",
-    cache=True,
-    nogil=True,
 )
 def simplify_chains(
     at: Ints, points: Ints, offsets: Ints, depth: Ints, anchor: NDArray[np.bool_], slack: int, depth_slack: int

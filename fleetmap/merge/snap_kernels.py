@@ -8,15 +8,15 @@ direction it is below 2^34 per edge, so 2^28 edges at one vertex fit.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from fleetmap.merge.select_kernels import pair_cell, within
+from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
 
 
-@njit("int64[:, ::1](int64[:, ::1], int64[::1], int64[:, ::1], int64[::1], int64)", cache=True, nogil=True)
+@kernel("int64[:, ::1](int64[:, ::1], int64[::1], int64[:, ::1], int64[::1], int64)")
 def close_pairs(at: Ints, source: Ints, tangent: Ints, cell: Ints, reach_cells: int) -> Ints:
     """Rows (distance^2, i, j), i < j, of vertices of different sources within reach whose boundaries run alike.
 
@@ -44,7 +44,7 @@ def close_pairs(at: Ints, source: Ints, tangent: Ints, cell: Ints, reach_cells: 
     return out[:n].copy()
 
 
-@njit("int64[::1](int64[:, ::1], int64[::1])", cache=True, nogil=True)
+@kernel("int64[::1](int64[:, ::1], int64[::1])")
 def stars(pairs: Ints, source: Ints) -> Ints:
     """Which vertex each vertex moves to: pairs in order, each vertex at most once, one per source at a star.
 
@@ -77,12 +77,10 @@ def stars(pairs: Ints, source: Ints) -> Ints:
     return centre
 
 
-@njit(
+@kernel(
     "Tuple((int64[:, ::1], int64[::1]))"
     "(int64[:, ::1], int64[:, ::1], int64[::1], int64[:, ::1], int64[::1], int64[::1], int64[:, ::1], int64[::1],"
     " int64)",
-    cache=True,
-    nogil=True,
 )
 def through_vertices(
     before: Ints,

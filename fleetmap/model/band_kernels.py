@@ -6,9 +6,9 @@ Whatever order a caller's rows come in, no index leaves an array: rows out of or
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.model.row_kernels import (
     GOOD,
     KEY_BITS,
@@ -26,7 +26,7 @@ from fleetmap.model.row_kernels import (
 from fleetmap.model.sort_kernels import lower_bound, order_of
 
 
-@njit("Tuple((i8, i4[:,::1]))(i8[:,::1], i8[::1])", cache=True, nogil=True)
+@kernel("Tuple((i8, i4[:,::1]))(i8[:,::1], i8[::1])")
 def canonical_rows(edges: NDArray[np.int64], thickness: NDArray[np.int64]) -> tuple[int, NDArray[np.int32]]:
     """Check edges, (n, 5), turn each with its lower end first, sort them, drop repeated ones: (GOOD, (m, 6) rows)."""
     n = len(edges)
@@ -66,7 +66,7 @@ def canonical_rows(edges: NDArray[np.int64], thickness: NDArray[np.int64]) -> tu
     return GOOD, result[:count]
 
 
-@njit("i8[::1](i4[:,::1], i8[:,::1], i4[:,::1])", cache=True, nogil=True)
+@kernel("i8[::1](i4[:,::1], i8[:,::1], i4[:,::1])")
 def find_places(block: NDArray[np.int32], bands: NDArray[np.int64], needles: NDArray[np.int32]) -> NDArray[np.int64]:
     """(k,) place of each needle in the map, -1 where it is missing.
 
@@ -86,7 +86,7 @@ def find_places(block: NDArray[np.int32], bands: NDArray[np.int64], needles: NDA
     return places
 
 
-@njit("i8[::1](i4[:,::1], i4[:,::1], i4[:,::1])", cache=True, nogil=True)
+@kernel("i8[::1](i4[:,::1], i4[:,::1], i4[:,::1])")
 def numbers_of_bands(a: NDArray[np.int32], b: NDArray[np.int32], c: NDArray[np.int32]) -> NDArray[np.int64]:
     """The numbers of the bands of three lists of edges, ascending, each once."""
     keys = np.empty(len(a) + len(b) + len(c), np.int64)
@@ -106,17 +106,15 @@ def numbers_of_bands(a: NDArray[np.int32], b: NDArray[np.int32], c: NDArray[np.i
     return numbers[:count]
 
 
-@njit("void(i4[::1], i8, i4[::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i4[::1], i8, i4[::1], i8, i8)")
 def _copy(target: NDArray[np.int32], at: int, source: NDArray[np.int32], start: int, end: int) -> None:
     """Rows [start, end) of six numbers to row ``at``."""
     target[6 * at : 6 * (at + end - start)] = source[6 * start : 6 * end]
 
 
 @modular
-@njit(
+@kernel(
     "Tuple((i8, i4[:,::1], i8[::1], u8))(i4[:,::1], i4[:,::1], i4[:,::1], u1[::1], i4[:,::1], u1[::1], i8[::1])",
-    cache=True,
-    nogil=True,
 )
 def apply_rows(
     block: NDArray[np.int32],
@@ -197,10 +195,8 @@ def apply_rows(
     return GOOD, result[:count], ends, change
 
 
-@njit(
+@kernel(
     "Tuple((i4[:,::1], i4[:,::1], u1[::1], i4[:,::1], u1[::1]))(i4[:,::1], i4[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def diff_rows(
     old: NDArray[np.int32], new: NDArray[np.int32]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("void(i8[:,::1], i8[::1], i8, i8, i8, i4[:,::1])", cache=True, nogil=True)
+
+@kernel("void(i8[:,::1], i8[::1], i8, i8, i8, i4[:,::1])")
 def add_crossings(
     edges: NDArray[np.int64],
     weights: NDArray[np.int64],
@@ -40,7 +41,7 @@ def add_crossings(
                 sums[row, column] += weights[k]
 
 
-@njit("void(i8[:,::1], i8[::1], i8[:,::1], i8[:,::1], i8, i8, i8, u1[:,::1], u1[:,::1])", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8[::1], i8[:,::1], i8[:,::1], i8, i8, i8, u1[:,::1], u1[:,::1])")
 def paint_walls(
     edges: NDArray[np.int64],
     sides: NDArray[np.int64],

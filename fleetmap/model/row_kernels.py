@@ -7,8 +7,9 @@ from types import FunctionType
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 LIMIT = 1 << 20
 """Largest |coordinate|: ``lattice.MAX_COORDINATE``."""
@@ -32,7 +33,7 @@ def modular(kernel: Kernel) -> Kernel:
     return np.errstate(over="ignore")(kernel) if isinstance(kernel, FunctionType) else kernel
 
 
-@njit("u8(u8, i8)", cache=True, nogil=True)
+@kernel("u8(u8, i8)")
 def _mix(h: np.uint64, value: int) -> np.uint64:
     """Take one number into a hash: ``hashing.hash_ints``."""
     h ^= np.uint64(np.int64(value))  # a negative number as its two's complement
@@ -45,7 +46,7 @@ def _mix(h: np.uint64, value: int) -> np.uint64:
     return h
 
 
-@njit("u8(i4[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("u8(i4[:,::1], i8, i8)")
 def row_hash(rows: NDArray[np.int32], i: int, thickness: int) -> np.uint64:
     """What an edge with its thickness adds to the digest."""
     h = np.uint64(SALT_EDGE)
@@ -60,7 +61,7 @@ def row_hash(rows: NDArray[np.int32], i: int, thickness: int) -> np.uint64:
 
 
 @modular
-@njit("u8(i4[:,::1])", cache=True, nogil=True)
+@kernel("u8(i4[:,::1])")
 def sum_of_hashes(rows: NDArray[np.int32]) -> np.uint64:
     """What all rows, (n, 6), add to the digest, mod 2^64."""
     total = np.uint64(0)
@@ -69,7 +70,7 @@ def sum_of_hashes(rows: NDArray[np.int32]) -> np.uint64:
     return total
 
 
-@njit("i8(i4[:,::1], i8, i4[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8, i4[:,::1], i8)")
 def compare(a: NDArray[np.int32], i: int, b: NDArray[np.int32], j: int) -> int:
     """The canonical order of two rows: -1, 0 or 1."""
     for k in range(5):
@@ -78,7 +79,7 @@ def compare(a: NDArray[np.int32], i: int, b: NDArray[np.int32], j: int) -> int:
     return 0
 
 
-@njit("i8(i4[:,::1], i8, i8, i4[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8, i8, i4[:,::1], i8)")
 def bound(rows: NDArray[np.int32], low: int, high: int, other: NDArray[np.int32], j: int) -> int:
     """The first place in [low, high) whose row is ``other[j]`` or behind it."""
     while low < high:
@@ -90,7 +91,7 @@ def bound(rows: NDArray[np.int32], low: int, high: int, other: NDArray[np.int32]
     return low
 
 
-@njit("i8(i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8, i8, i8, i8, i8)")
 def check_edge(y0: int, x0: int, y1: int, x1: int, label: int) -> int:
     """Whether an edge can be, in either direction."""
     # Each against both bounds: the absolute value of the least number is no number.

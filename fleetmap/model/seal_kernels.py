@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 T_BITS = 10
 """Places on a step from one cell centre to the next are counted in 2^-10 of it."""
 
 
-@njit("i8(i8[:,::1], i8, i8, i8, u1[:,::1], i8[:,::1])", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8, i8, i8, u1[:,::1], i8[:,::1])")
 def list_open_steps(
     edges: NDArray[np.int64],
     cell: int,
@@ -73,7 +74,7 @@ def list_open_steps(
     return count
 
 
-@njit("b1(u1[:,::1], i8, i8, b1)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], i8, i8, b1)")
 def _is_blocked(blocked: NDArray[np.uint8], v: int, u: int, steep: bool) -> bool:
     """Whether cell v of line u is blocked; outside of the grid nothing is."""
     row, column = (u, v) if steep else (v, u)
@@ -82,7 +83,7 @@ def _is_blocked(blocked: NDArray[np.uint8], v: int, u: int, steep: bool) -> bool
     return bool(blocked[row, column] != 0)
 
 
-@njit("i8(i8[:,::1], i8[::1], i8, i8, i8, u1[:,::1])", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8[::1], i8, i8, i8, u1[:,::1])")
 def block_passed_cells(
     edges: NDArray[np.int64],
     sides: NDArray[np.int64],

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("int64[::1](uint8[:,::1], int64)", cache=True, nogil=True)
+
+@kernel("int64[::1](uint8[:,::1], int64)")
 def skin_counts(states: NDArray[np.uint8], longest: int) -> NDArray[np.int64]:
     """(longest + 1,) how many cracks have so many occupied cells behind them; the last counts longer ones, too.
 

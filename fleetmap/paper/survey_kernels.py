@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("void(int32[:,::1], int32[:,::1], float64, float64, float64, float64[::1], float64)", cache=True, nogil=True)
+
+@kernel("void(int32[:,::1], int32[:,::1], float64, float64, float64, float64[::1], float64)")
 def count_beams(
     passes: NDArray[np.int32],
     hits: NDArray[np.int32],
@@ -55,7 +56,7 @@ def count_beams(
             hits[end_i, end_j] += 1
 
 
-@njit("void(boolean[:,::1], boolean[:,::1], float64, float64, int64, float64)", cache=True, nogil=True)
+@kernel("void(boolean[:,::1], boolean[:,::1], float64, float64, int64, float64)")
 def look_around(
     solid: NDArray[np.bool_], seen: NDArray[np.bool_], x: float, y: float, beams: int, reach: float
 ) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("int64[:,::1](boolean[:,::1], boolean[:,::1], int64, int64)", cache=True, nogil=True)
+
+@kernel("int64[:,::1](boolean[:,::1], boolean[:,::1], int64, int64)")
 def nearest_first(passable: NDArray[np.bool_], targets: NDArray[np.bool_], row: int, column: int) -> NDArray[np.int64]:
     """Cells (n, 2) of a walk from (row, column) past every target that can be reached.
 

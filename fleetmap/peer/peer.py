@@ -24,6 +24,8 @@ from fleetmap.engine.view import View, view
 from fleetmap.model.checks import check_count, check_number, check_type, check_xy
 from fleetmap.model.errors import ConfigError, FleetmapError, LinkError, NameInUse, NoPath
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.kernel_cache import AGENT, modules_of
+from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -135,6 +137,8 @@ class Peer:
         self._executor = ThreadPoolExecutor(1, thread_name_prefix=f"fleetmap-{self.robot}")
         self._inbox = Inbox(asyncio.get_running_loop(), self._ledger, self._figures)
         try:
+            # Now: a peer that lives can't stop for a minute when the first record comes.
+            await compile_in_thread(modules_of(*AGENT))
             tokens = await self._link.open(self._inbox)
             if any(token.robot == self.robot for token in tokens):
                 raise NameInUse(robot=self.robot, fleet=self.fleet)

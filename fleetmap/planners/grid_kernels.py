@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
+from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 
-@nb.njit("float64(float64, float64, float64, float64, float64, float64)", cache=True, nogil=True)
-def point_segment_d2(px, py, ax, ay, bx, by):
+@kernel("float64(float64, float64, float64, float64, float64, float64)")
+def point_segment_d2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Squared distance from a point to a segment."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
@@ -20,8 +22,8 @@ def point_segment_d2(px, py, ax, ay, bx, by):
     return ex * ex + ey * ey
 
 
-@nb.njit("void(boolean[:, ::1], float64[:, ::1], float64)", cache=True, nogil=True)
-def block_near(passable, walls, clearance):
+@kernel("void(boolean[:, ::1], float64[:, ::1], float64)")
+def block_near(passable: NDArray[np.bool_], walls: NDArray[np.float64], clearance: float) -> None:
     """Clear every cell whose centre is nearer than ``clearance`` to a wall, (n, 4) x0 y0 x1 y1; all in cells."""
     height, width = passable.shape
     limit2 = clearance * clearance
@@ -47,8 +49,8 @@ def block_near(passable, walls, clearance):
                     passable[row, col] = False
 
 
-@nb.njit("float64(float64, float64, float64, float64, float64[:, ::1], float64)", cache=True, nogil=True)
-def segment_clearance(px, py, qx, qy, walls, enough):
+@kernel("float64(float64, float64, float64, float64, float64[:, ::1], float64)")
+def segment_clearance(px: float, py: float, qx: float, qy: float, walls: NDArray[np.float64], enough: float) -> float:
     """Least distance from segment pq to the walls, or ``enough`` if all of them are farther than that."""
     best2 = enough * enough
     low_x, high_x = min(px, qx) - enough, max(px, qx) + enough
@@ -70,8 +72,8 @@ def segment_clearance(px, py, qx, qy, walls, enough):
     return math.sqrt(best2)
 
 
-@nb.njit("boolean(boolean[:, ::1], float64, float64, float64, float64)", cache=True, nogil=True)
-def stays_free(free, px, py, qx, qy):
+@kernel("boolean(boolean[:, ::1], float64, float64, float64, float64)")
+def stays_free(free: NDArray[np.bool_], px: float, py: float, qx: float, qy: float) -> bool:
     """Whether every cell that segment pq passes is free (Amanatides and Woo, 1987, section 2)."""
     height, width = free.shape
     col, row = int(math.floor(px)), int(math.floor(py))
@@ -92,8 +94,8 @@ def stays_free(free, px, py, qx, qy):
     return True
 
 
-@nb.njit("int64[::1](boolean[:, ::1], int64, int64)", cache=True, nogil=True)
-def astar(passable, start, goal):
+@kernel("int64[::1](boolean[:, ::1], int64, int64)")
+def astar(passable: NDArray[np.bool_], start: int, goal: int) -> NDArray[np.int64]:
     """8-connected A* with the octile heuristic; flat cell indices from start to goal, empty if there is no path.
 
     The open list is a binary heap with lazy deletion; ties go to the entry that was pushed first, so that

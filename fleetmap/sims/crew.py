@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import sys
 import time
 from asyncio.subprocess import PIPE, Process
@@ -12,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fleetmap.model.kernel_cache import environment
 from fleetmap.sims.config import Death
 from fleetmap.sims.pipe import MAX_LINE, line, parse
 
@@ -67,7 +67,7 @@ class Crew:
                 # Out of the terminal's process group: Ctrl-C is the parent's to handle.
                 start_new_session=True,
                 # The robots share the cores; each one's libraries taking all of them would only slow them down.
-                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                env={**environment(), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             )
         member = Member(robot, process, log)
         self.members.append(member)

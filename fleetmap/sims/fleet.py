@@ -13,13 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from fleetmap.model.errors import ConfigError, LinkError
-from fleetmap.model.kernel_cache import load_kernels
+from fleetmap.model.kernel_cache import AGENT, modules_of
+from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.peer.rendezvous import PORT, Meeting, rendezvous
 from fleetmap.sims.config import Progress, RobotProgress, SimConfig, SimResult
 from fleetmap.sims.crew import Crew
 from fleetmap.sims.outcome import write_outcome
 from fleetmap.sims.run import Run
 from fleetmap.sims.worlds import choose_starts, make_world
+
+KERNELS = (*AGENT, "sims")
+"""Groups of kernels that the robots and the report need."""
 
 FLEET = "sim"
 """Name of the fleet at the usual endpoint: with that, all that another robot needs to join."""
@@ -91,7 +95,7 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
     for left in (config.out / "stats.json", config.out / "report.html", *(config.out / "logs").glob("r*.log")):
         left.unlink(missing_ok=True)
     # Compiled once here, and loaded from the cache by the robots.
-    await asyncio.to_thread(lambda: list(load_kernels()))
+    await compile_in_thread(modules_of(*KERNELS))
 
     def tell(phase: str) -> None:
         t_s = max((p.t_s for p in run.latest.values()), default=0.0)

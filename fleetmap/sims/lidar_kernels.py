@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("float64[::1](boolean[:,::1], float64, float64, float64, int64, float64)", cache=True, nogil=True)
+
+@kernel("float64[::1](boolean[:,::1], float64, float64, float64, int64, float64)")
 def cast(solid: NDArray[np.bool_], x: float, y: float, yaw: float, beams: int, reach: float) -> NDArray[np.float64]:
     """Distance to the first solid cell along each of ``beams`` rays, in cells; ``reach`` where there is none.
 
@@ -44,7 +45,7 @@ def cast(solid: NDArray[np.bool_], x: float, y: float, yaw: float, beams: int, r
     return out
 
 
-@njit("boolean(boolean[:,::1], float64, float64, float64)", cache=True, nogil=True)
+@kernel("boolean(boolean[:,::1], float64, float64, float64)")
 def touches(solid: NDArray[np.bool_], x: float, y: float, radius: float) -> bool:
     """Whether the open disc of ``radius`` cells about (x, y) meets a solid cell's square; outside is solid."""
     height, width = solid.shape

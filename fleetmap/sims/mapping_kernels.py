@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 CLAMP = 200
 """Most votes that a cell remembers either way: what changes in the world shows after a hundred near scans."""
@@ -18,10 +19,8 @@ REVISED = 12
 """Votes for the other state that a decided cell needs to change: with 2, noise makes the deltas 9 % larger."""
 
 
-@njit(
+@kernel(
     "void(int16[:,::1], uint8[:,::1], float64, float64, float64, float64[::1], float64, float64, float64)",
-    cache=True,
-    nogil=True,
 )
 def integrate(
     votes: NDArray[np.int16],

@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 FAR = np.int32(2**30)
 """Cost of a cell that can't be reached."""
 
 
-@njit("int32[:,::1](boolean[:,::1], int64)", cache=True, nogil=True)
+@kernel("int32[:,::1](boolean[:,::1], int64)")
 def clearance2(blocked: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
     """Squared clearance of each cell in half cells, exact up to ``reach`` cells, at most (2 reach)^2 + 1.
 
@@ -52,7 +53,7 @@ def clearance2(blocked: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
     return out
 
 
-@njit("uint8[:,::1](uint8[:,::1], int32[:,::1], int64[::1], uint8[::1])", cache=True, nogil=True)
+@kernel("uint8[:,::1](uint8[:,::1], int32[:,::1], int64[::1], uint8[::1])")
 def prices(
     states: NDArray[np.uint8], clearance: NDArray[np.int32], least: NDArray[np.int64], price: NDArray[np.uint8]
 ) -> NDArray[np.uint8]:
@@ -68,7 +69,7 @@ def prices(
     return out
 
 
-@njit("int64[:,::1](uint8[:,::1], int64)", cache=True, nogil=True)
+@kernel("int64[:,::1](uint8[:,::1], int64)")
 def frontier_cells(states: NDArray[np.uint8], least: int) -> NDArray[np.int64]:
     """Free cells (n, 2), row by row, beside an unknown region (4-connected) of at least ``least`` cells."""
     height, width = states.shape
@@ -116,7 +117,7 @@ def frontier_cells(states: NDArray[np.uint8], least: int) -> NDArray[np.int64]:
     return found[:count].copy()
 
 
-@njit("int32[:,::1](uint8[:,::1], int64, int64)", cache=True, nogil=True)
+@kernel("int32[:,::1](uint8[:,::1], int64, int64)")
 def cost_field(price: NDArray[np.uint8], row: int, column: int) -> NDArray[np.int32]:
     """Least cost from (row, column) to every cell: steps cost 10 or 14 times the entered cell's ``price``.
 
@@ -178,7 +179,7 @@ def cost_field(price: NDArray[np.uint8], row: int, column: int) -> NDArray[np.in
     return out
 
 
-@njit("int64[:,::1](int32[:,::1], uint8[:,::1], int64, int64)", cache=True, nogil=True)
+@kernel("int64[:,::1](int32[:,::1], uint8[:,::1], int64, int64)")
 def descend(cost: NDArray[np.int32], price: NDArray[np.uint8], row: int, column: int) -> NDArray[np.int64]:
     """Cells (n, 2) from where ``cost`` is 0 to (row, column), which must be reachable."""
     height, width = cost.shape
@@ -208,7 +209,7 @@ def descend(cost: NDArray[np.int32], price: NDArray[np.uint8], row: int, column:
     return cells[:count][::-1].copy()
 
 
-@njit("int64(uint8[:,::1], int64, int64, int64, int64)", cache=True, nogil=True)
+@kernel("int64(uint8[:,::1], int64, int64, int64, int64)")
 def dearest_on_line(price: NDArray[np.uint8], row0: int, column0: int, row1: int, column1: int) -> int:
     """Highest price of the cells that the segment between two cell centres passes; 255 if one is 0."""
     i, j = row0, column0
@@ -237,10 +238,8 @@ def dearest_on_line(price: NDArray[np.uint8], row0: int, column0: int, row1: int
     return highest
 
 
-@njit(
+@kernel(
     "void(uint8[:,::1], int64, int64, uint8[:,::1], int64, int64, float64, float64, float64, float64)",
-    cache=True,
-    nogil=True,
 )
 def overlay(
     states: NDArray[np.uint8],
@@ -271,7 +270,7 @@ def overlay(
                 states[i, j] = own[row, column]
 
 
-@njit("int64[::1](int32[:,::1], uint8[:,::1], int64, int64, int64)", cache=True, nogil=True)
+@kernel("int64[::1](int32[:,::1], uint8[:,::1], int64, int64, int64)")
 def viewpoint(
     cost: NDArray[np.int32], open_cells: NDArray[np.uint8], row: int, column: int, reach: int
 ) -> NDArray[np.int64]:

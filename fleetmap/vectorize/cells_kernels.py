@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
 
 # The cells of a grid are read-only, which numba has no short notation for.
-@njit("void(Array(i1, 2, 'C', readonly=True), u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("void(Array(i1, 2, 'C', readonly=True), u1[:,::1], i8, i8, i8, i8)")
 def read_states(
     cells: NDArray[np.int8], states: NDArray[np.uint8], low_y: int, low_x: int, free: int, occupied: int
 ) -> None:
@@ -30,7 +31,7 @@ def read_states(
             target[j] = known if cell >= 0 else np.uint8(2)
 
 
-@njit("void(u1[:,::1], u1[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("void(u1[:,::1], u1[:,::1], i8, i8, i8, i8)")
 def find_cracks(states: NDArray[np.uint8], cracks: NDArray[np.uint8], y0: int, x0: int, y1: int, x1: int) -> None:
     """Set ``cracks`` for the lattice points y0 <= y < y1, x0 <= x < x1, all at least 1.
 
@@ -52,7 +53,7 @@ def find_cracks(states: NDArray[np.uint8], cracks: NDArray[np.uint8], y0: int, x
             )
 
 
-@njit("i8(u8[:,::1], u1[:,::1], i8, i8, i8, i8, i4[:,::1])", cache=True, nogil=True)
+@kernel("i8(u8[:,::1], u1[:,::1], i8, i8, i8, i8, i4[:,::1])")
 def find_corners(
     words: NDArray[np.uint64],
     cracks: NDArray[np.uint8],

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.index_kernels import AT_X, AT_Y, LABEL, NEXT, THICK, find_record, insert_record
 
 
-@njit("i8(i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8, i8, i8)", inline="always")
 def row_hash(y0: int, x0: int, y1: int, x1: int, label: int) -> int:
     """A number above 0 for an edge; two edges hardly ever have the same."""
     one, two = np.int64(label + 1), np.int64(label + 17)
@@ -19,7 +19,7 @@ def row_hash(y0: int, x0: int, y1: int, x1: int, label: int) -> int:
     return (one << 31) + two + 1
 
 
-@njit("void(i8[:,::1], i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("void(i8[:,::1], i8, i8, i8, i8, i8, i8, i8)", inline="always")
 def write_row(rows: NDArray[np.int64], k: int, y0: int, x0: int, y1: int, x1: int, label: int, thickness: int) -> None:
     """Row k: an edge as maps hold it, the lower end first, and its thickness."""
     if y0 > y1 or (y0 == y1 and x0 > x1):
@@ -28,11 +28,9 @@ def write_row(rows: NDArray[np.int64], k: int, y0: int, x0: int, y1: int, x1: in
     rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5] = y0, x0, y1, x1, label, thickness
 
 
-@njit(
+@kernel(
     "Tuple((i8, i8, i8))(i4[:,::1], i4[::1], i8, i8[:,::1], i4[::1], i4[::1], u1[::1], u1[::1], i8, i8[:,::1],"
     " i8[:,::1], i8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def list_changes(
     records: NDArray[np.int32],

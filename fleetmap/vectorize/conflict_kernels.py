@@ -6,20 +6,21 @@ Edges as in ``edge_kernels``. Exact: |coordinate| <= 2^21.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 BUCKET = 16
 """Edges are looked up in squares of so many cells."""
 
 
-@njit("i8(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8, i8, i8, i8)", inline="always")
 def turn(ay: int, ax: int, by: int, bx: int, cy: int, cx: int) -> int:
     """Positive if c lies on the left of the line from a to b, 0 on it."""
     return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
-@njit("b1(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8, i8, i8, i8)", inline="always")
 def is_inside(ay: int, ax: int, by: int, bx: int, cy: int, cx: int) -> bool:
     """Whether c, a point on the line of a and b, lies between them and is none of them."""
     if (cy == ay and cx == ax) or (cy == by and cx == bx):
@@ -27,7 +28,7 @@ def is_inside(ay: int, ax: int, by: int, bx: int, cy: int, cx: int) -> bool:
     return min(ay, by) <= cy <= max(ay, by) and min(ax, bx) <= cx <= max(ax, bx)
 
 
-@njit("b1(i8[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("b1(i8[:,::1], i8, i8)")
 def conflict(edges: NDArray[np.int64], e: int, f: int) -> bool:
     """Whether two edges cross, touch, overlap, or share a vertex that stands for two different points."""
     ay, ax, by, bx = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
@@ -58,10 +59,8 @@ def conflict(edges: NDArray[np.int64], e: int, f: int) -> bool:
     return shared > 1
 
 
-@njit(
+@kernel(
     "Tuple((i8, i4[:,::1]))(i8[:,::1], i8, u1[::1], u1[::1], i8, i8, i4[:,::1], i8, i4[:,::1], b1, u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def link_and_test(
     edges: NDArray[np.int64],
@@ -121,7 +120,7 @@ def link_and_test(
     return used, links
 
 
-@njit("b1(i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8, i8)", inline="always")
 def is_before(ay: int, ax: int, by: int, bx: int) -> bool:
     """Whether direction a comes before b, counter-clockwise from the x axis; both are no null vectors."""
     a_half, b_half = ay < 0 or (ay == 0 and ax < 0), by < 0 or (by == 0 and bx < 0)
@@ -130,7 +129,7 @@ def is_before(ay: int, ax: int, by: int, bx: int) -> bool:
     return ax * by - ay * bx > 0
 
 
-@njit("b1(i8[::1], i8[:,::1], i8[::1], i8)", cache=True, nogil=True)
+@kernel("b1(i8[::1], i8[:,::1], i8[::1], i8)")
 def go_around(crack: NDArray[np.int64], away: NDArray[np.int64], owner: NDArray[np.int64], size: int) -> bool:
     """Sort edges that leave a vertex by their cracks; whether their directions then go around it once.
 
@@ -150,7 +149,7 @@ def go_around(crack: NDArray[np.int64], away: NDArray[np.int64], owner: NDArray[
     return size < 3 or descents == 1
 
 
-@njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8)", cache=True, nogil=True)
+@kernel("i4[::1](i4[:,::1], i4[::1], u1[::1], i8)")
 def list_crossings(
     points: NDArray[np.int32], offsets: NDArray[np.int32], special: NDArray[np.uint8], arcs: int
 ) -> NDArray[np.int32]:
@@ -162,10 +161,8 @@ def list_crossings(
     return found[np.argsort(keys, kind="mergesort")].astype(np.int32)
 
 
-@njit(
+@kernel(
     "void(i8[:,::1], i4[:,::1], i4[::1], i4[::1], i4[::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def find_turned(
     edges: NDArray[np.int64],

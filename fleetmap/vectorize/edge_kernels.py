@@ -8,19 +8,20 @@ enters the head's.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 EDGE_COLUMNS = 9
 
 
-@njit("i8(i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8, i8)", inline="always")
 def direction(ay: int, ax: int, by: int, bx: int) -> int:
     """The direction of an axis-parallel step from a to b."""
     return 0 if bx > ax else 2 if bx < ax else 1 if by > ay else 3
 
 
-@njit("void(i4[:,::1], i8, i8, i4[:,::1], i8, i8, i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("void(i4[:,::1], i8, i8, i4[:,::1], i8, i8, i8[:,::1], i8)")
 def write_edge(
     points: NDArray[np.int32],
     start: int,
@@ -45,10 +46,8 @@ def write_edge(
     edges[k, 8] = leaves + 4 * direction(points[before, 0], points[before, 1], points[head, 0], points[head, 1])
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], i4[::1], i4[:,::1], u1[::1], i8, i8, i8, i8, i4[::1], i4[::1], i4[::1], i8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def list_run(
     points: NDArray[np.int32],
@@ -79,10 +78,8 @@ def list_run(
             return count
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], i4[::1], u1[::1], i8, i4[:,::1], u1[::1], i4[::1], i4[::1], i4[::1], i8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def list_edges(
     points: NDArray[np.int32],

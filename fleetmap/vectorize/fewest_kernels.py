@@ -20,8 +20,9 @@ most 2^12 cells, so products stay below 2^43, and what is squared below 2^31; ep
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 TRUE_Y, TRUE_X, AT_Y, AT_X, COST, PREVIOUS, CORNER, PLACE_Y, PLACE_X = range(9)
 GAP_ROWS = 9
@@ -34,7 +35,7 @@ SOURCES = 6
 straight walls there are hundreds. All of them find fewer edges in one of a thousand cases."""
 
 
-@njit("b1(i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8, i8, i8, i8, i8)", inline="always")
 def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, epsilon2: int) -> bool:
     """Whether point p is within epsilon of the segment from a to b, all in sixteenths."""
     dy, dx = by - ay, bx - ax
@@ -56,7 +57,7 @@ def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, epsilon2: int)
     return cross * cross <= epsilon2 * length2
 
 
-@njit("b1(i8[:,::1], i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(i8[:,::1], i8, i8, i8, i8, i8, i8, i8)")
 def holds(gap: NDArray[np.int64], a: int, b: int, ay: int, ax: int, by: int, bx: int, epsilon2: int) -> bool:
     """Whether an edge from vertex (ay, ax), which stands for corner a, to (by, bx), for corner b, is certified."""
     ty, tx = gap[TRUE_Y], gap[TRUE_X]
@@ -71,7 +72,7 @@ def holds(gap: NDArray[np.int64], a: int, b: int, ay: int, ax: int, by: int, bx:
     return True
 
 
-@njit("Tuple((b1, b1, f8, f8, f8, f8))(f8, f8, f8, b1, f8, f8, f8, f8)", cache=True, nogil=True, inline="always")
+@kernel("Tuple((b1, b1, f8, f8, f8, f8))(f8, f8, f8, b1, f8, f8, f8, f8)", inline="always")
 def narrow(
     ry: float, rx: float, epsilon: float, bounded: bool, hy: float, hx: float, ly: float, lx: float
 ) -> tuple[bool, bool, float, float, float, float]:
@@ -96,7 +97,7 @@ def narrow(
     return lx * hy - ly * hx >= 0.0, True, hy, hx, ly, lx
 
 
-@njit("b1(f8, f8, f8, f8, b1, f8, f8, f8, f8)", cache=True, nogil=True, inline="always")
+@kernel("b1(f8, f8, f8, f8, b1, f8, f8, f8, f8)", inline="always")
 def may_lead(
     by: float, bx: float, epsilon: float, farthest2: float, bounded: bool, hy: float, hx: float, ly: float, lx: float
 ) -> bool:
@@ -113,7 +114,7 @@ def may_lead(
     )
 
 
-@njit("i8(i8[:,::1], i8, f8, f8[::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8, f8, f8[::1], i8)")
 def choose_fewest(gap: NDArray[np.int64], n: int, epsilon: float, error: NDArray[np.float64], sources: int) -> int:
     """The fewest edges from corner 0 to n - 1, and of those the nearest to the boundary; returns how many vertices.
 

@@ -9,8 +9,9 @@ point. The last vertex of an open arc leaves by no edge (``OUT``, ``NEXT`` -1), 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 AT_Y, AT_X, POINT_Y, POINT_X, OUT, IN, LABEL, NEXT, PREV, THICK = range(10)
 COLUMNS = 10
@@ -19,19 +20,19 @@ BUCKET = 16
 """Edges are looked up in squares of so many cells."""
 
 
-@njit("i8(i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8)", inline="always")
 def passage_key(y: int, x: int, code: int) -> int:
     """A number above 0 for a passage through a point: by the direction it leaves in, or 4 + the one it ends in."""
     return ((np.int64(y) + (1 << 22)) << 27) | ((np.int64(x) + (1 << 22)) << 3) | code
 
 
-@njit("i8(i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8)", inline="always")
 def slot_of(key: int, mask: int) -> int:
     """Where the search for a key begins."""
     return (((key & 0xFFFFFFFF) * 0x2E3779B1 ^ (key >> 32) * 0x15EBCA6B) >> 15) & mask
 
 
-@njit("i8(i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8)")
 def find_record(table: NDArray[np.int64], key: int) -> int:
     """The record of a passage, or -1. ``table``: rows (key, record), a power of two of them, key 0 unused."""
     mask = len(table) - 1
@@ -43,7 +44,7 @@ def find_record(table: NDArray[np.int64], key: int) -> int:
     return -1
 
 
-@njit("void(i8[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8, i8)")
 def insert_record(table: NDArray[np.int64], key: int, record: int) -> None:
     """Store or replace the record of a passage; there must be room."""
     mask = len(table) - 1
@@ -53,7 +54,7 @@ def insert_record(table: NDArray[np.int64], key: int, record: int) -> None:
     table[slot, 0], table[slot, 1] = key, record
 
 
-@njit("void(i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8)")
 def remove_record(table: NDArray[np.int64], key: int) -> None:
     """Forget a passage; what was moved on past it moves back."""
     mask = len(table) - 1
@@ -74,7 +75,7 @@ def remove_record(table: NDArray[np.int64], key: int) -> None:
     table[hole, 0] = 0
 
 
-@njit("i8(i4[:,::1], i4[:,::1], i4[:,::1], i8, i8, i8, i8, i8[::1], b1)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i4[:,::1], i4[:,::1], i8, i8, i8, i8, i8[::1], b1)")
 def link_edge(
     records: NDArray[np.int32],
     buckets: NDArray[np.int32],

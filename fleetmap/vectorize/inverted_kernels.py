@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.conflict_kernels import go_around
 from fleetmap.vectorize.edge_kernels import direction
 from fleetmap.vectorize.index_kernels import (
@@ -27,17 +27,15 @@ FEW_OUTSIDE = 3
 """A face with more edges than this outside of the window can't be turned over by what is inside."""
 
 
-@njit("void(i8[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("void(i8[:,::1], i8, i8, i8)", inline="always")
 def add_area(areas: NDArray[np.int64], part: int, label: int, twice_area: int) -> None:
     """Count the area left of a piece of boundary for the state on its left, against that on its right."""
     areas[part, label // 3] += twice_area
     areas[part, label % 3] -= twice_area
 
 
-@njit(
+@kernel(
     "b1(i4[:,::1], i4[:,::1], i4[::1], u1[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1], b1)",
-    cache=True,
-    nogil=True,
 )
 def is_inverted(
     records: NDArray[np.int32],
@@ -130,10 +128,8 @@ def is_inverted(
     return False
 
 
-@njit(
+@kernel(
     "b1(i4[:,::1], i8[:,::1], u1[::1], i4[:,::1], i4[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def is_turned(
     records: NDArray[np.int32],

@@ -7,9 +7,9 @@ side. Each edge is moved, in thought, from its run of boundary to where it lies;
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.conflict_kernels import BUCKET
 
 SCALE = 1 << 24
@@ -20,13 +20,13 @@ does not pass through. And none lies on another boundary that touches its own on
 other one's cracks. Products of a difference in cells (2^13) and one in these units (2^37) stay below 2^51."""
 
 
-@njit("i8(i8, i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8, i8, i8, i8, i8, i8)", inline="always")
 def side_of(ay: int, ax: int, by: int, bx: int, py: int, px: int, shift_y: int, shift_x: int) -> int:
     """Positive if the shifted p lies on the left of the line from a to b; never 0."""
     return (bx - ax) * ((py - ay) * SCALE + shift_y) - (by - ay) * ((px - ax) * SCALE + shift_x)
 
 
-@njit("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8, i8, i8)")
 def count_passes(
     points: NDArray[np.int32],
     tail: int,
@@ -88,11 +88,9 @@ def count_passes(
     return passes
 
 
-@njit(
+@kernel(
     "void(i4[:,::1], i4[::1], i4[::1], i4[::1], i4[::1], i8[:,::1], u1[::1], i8, i8, i4[:,::1], i4[:,::1],"
     " i4[::1], i4[::1], i8, u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def find_jumps(
     points: NDArray[np.int32],

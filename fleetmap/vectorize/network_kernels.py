@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.conflict_kernels import BUCKET, find_turned, link_and_test, list_crossings
 from fleetmap.vectorize.edge_kernels import EDGE_COLUMNS, list_edges, list_run
 from fleetmap.vectorize.fewest_kernels import GAP_ROWS, LONGEST_EDGE_CELLS, is_near
@@ -17,7 +17,7 @@ ROUNDS_OF_ONE = 4
 sooner."""
 
 
-@njit("i4[::1](i4[:,::1], i4[::1], u1[::1], i8, i4[:,::1])", cache=True, nogil=True)
+@kernel("i4[::1](i4[:,::1], i4[::1], u1[::1], i8, i4[:,::1])")
 def find_parts(
     points: NDArray[np.int32],
     offsets: NDArray[np.int32],
@@ -61,7 +61,7 @@ def find_parts(
     return part
 
 
-@njit("i8(i4[:,::1], i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8, i8, i8)")
 def twice_area(points: NDArray[np.int32], start: int, end: int, closed: int) -> int:
     """Twice the area left of the corners of an arc, seen from the origin; if closed, that inside."""
     area = np.int64(0)
@@ -71,7 +71,7 @@ def twice_area(points: NDArray[np.int32], start: int, end: int, closed: int) -> 
     return area
 
 
-@njit("b1(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8, i8, i8, i8)")
 def is_certified(
     points: NDArray[np.int32],
     start: int,
@@ -102,7 +102,7 @@ def is_certified(
             return False
 
 
-@njit("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(i4[:,::1], i8, i8, i8, i8, i8[:,::1], i8)")
 def farthest_corner(
     points: NDArray[np.int32], start: int, end: int, tail: int, head: int, edges: NDArray[np.int64], k: int
 ) -> int:
@@ -120,11 +120,9 @@ def farthest_corner(
             best, where = off, m
 
 
-@njit(
+@kernel(
     "void(i4[:,::1], i4[::1], u1[::1], u1[::1], i8, i8, i4[::1], i8[:,::1], u1[::1], u1[::1], i4[::1], u1[::1],"
     " u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def find_overturned(
     points: NDArray[np.int32],
@@ -174,11 +172,9 @@ def find_overturned(
             bad[k] = 1
 
 
-@njit(
+@kernel(
     "Tuple((i8, i8))(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], u1[::1], u1[::1], i8, i8, i8, i8, i8, u1[::1],"
     " u1[::1], u1[::1], i4[:,::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def build_network(
     cracks: NDArray[np.uint8],

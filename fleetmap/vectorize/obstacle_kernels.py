@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 NEAR_STEPS = 8
 """An outline of occupied cells is that of a known wall if free space is so few steps through occupied cells away."""
@@ -17,7 +18,7 @@ QUANTILE = 0.4
 nine generated ones: more paints what lies between the crumbs behind a ragged wall, less loses wall.)"""
 
 
-@njit("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8)")
 def is_behind(states: NDArray[np.uint8], seen: NDArray[np.uint8], queue: NDArray[np.int32], y: int, x: int) -> bool:
     """Whether an occupied cell that touches free space is within ``NEAR_STEPS`` of occupied cell (y, x).
 
@@ -53,7 +54,7 @@ def is_behind(states: NDArray[np.uint8], seen: NDArray[np.uint8], queue: NDArray
     return found
 
 
-@njit("void(u1[:,::1], u1[:,::1], i4[:,::1], i4[::1], u1[::1], u1[::1], i8, u1[::1])", cache=True, nogil=True)
+@kernel("void(u1[:,::1], u1[:,::1], i4[:,::1], i4[::1], u1[::1], u1[::1], i8, u1[::1])")
 def find_explained(
     states: NDArray[np.uint8],
     seen: NDArray[np.uint8],
@@ -97,7 +98,7 @@ def find_explained(
             drop[arc] = 0
 
 
-@njit("void(u1[:,::1], i4[:,::1], i4[::1], u1[::1], u1[::1], i8, u1[::1])", cache=True, nogil=True)
+@kernel("void(u1[:,::1], i4[:,::1], i4[::1], u1[::1], u1[::1], i8, u1[::1])")
 def measure_depth(
     states: NDArray[np.uint8],
     points: NDArray[np.int32],

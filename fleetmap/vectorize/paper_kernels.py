@@ -10,8 +10,9 @@ squared lengths are <= 2^41, and epsilon2 times one <= 2^49. ``stays_near`` has 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 READING_B, READING_C, MENDED = 0, 1, 2
 
@@ -19,7 +20,7 @@ LONGEST_EDGE_CELLS = 1024
 """No edge of ``mended`` is longer along x or y, so that ``stays_near`` fits 64 bits."""
 
 
-@njit("b1(i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8, i8, i8, i8, i8)", inline="always")
 def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, epsilon2: int) -> bool:
     """Whether point p is at most epsilon away from the segment from a to b."""
     dy, dx = by - ay, bx - ax
@@ -38,7 +39,7 @@ def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, epsilon2: int)
     return 16 * cross * cross <= epsilon2 * length2
 
 
-@njit("b1(i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8)", inline="always")
 def is_at_most(d: int, k: int, m: int) -> bool:
     """Whether d <= sqrt(k) + sqrt(m); 0 <= k, m <= 2^29."""
     if d <= 0:
@@ -49,7 +50,7 @@ def is_at_most(d: int, k: int, m: int) -> bool:
     return rest <= 0 or rest * rest <= 4 * k * m
 
 
-@njit("b1(i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i8, i8, i8)", inline="always")
 def is_farther(d: int, k: int, m: int) -> bool:
     """Whether d + sqrt(k) > sqrt(m); 0 <= k, m <= 2^29, |d| <= 2^17."""
     if d >= 0:
@@ -59,7 +60,7 @@ def is_farther(d: int, k: int, m: int) -> bool:
     return rest > 0 and rest * rest > 4 * d * d * m
 
 
-@njit("b1(u1[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], i8, i8, i8, i8, i8)")
 def stays_near(solid: NDArray[np.uint8], ay: int, ax: int, by: int, bx: int, epsilon2: int) -> bool:
     """Whether every point of the segment from a to b is at most epsilon away from the centre of a ``solid`` cell.
 
@@ -106,7 +107,7 @@ def stays_near(solid: NDArray[np.uint8], ay: int, ax: int, by: int, bx: int, eps
     return True
 
 
-@njit("i8(i4[::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i4[::1], i8, i8, i8)", inline="always")
 def find(neighbour: NDArray[np.int32], start: int, degree: int, v: int) -> int:
     """Slot of neighbour v, or, if it is none, the slot where it belongs as -1 - slot."""
     for slot in range(start, start + degree):
@@ -115,7 +116,7 @@ def find(neighbour: NDArray[np.int32], start: int, degree: int, v: int) -> int:
     return -1 - start - degree
 
 
-@njit("void(i4[::1], i4[::1], i8[::1], i4[::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("void(i4[::1], i4[::1], i8[::1], i4[::1], i8, i8)", inline="always")
 def cut(
     neighbour: NDArray[np.int32],
     edge: NDArray[np.int32],
@@ -131,7 +132,7 @@ def cut(
     degree[v] -= 1
 
 
-@njit("void(i4[::1], i4[::1], i8[::1], i4[::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("void(i4[::1], i4[::1], i8[::1], i4[::1], i8, i8, i8)", inline="always")
 def tie(
     neighbour: NDArray[np.int32],
     edge: NDArray[np.int32],
@@ -149,7 +150,7 @@ def tie(
     degree[v] += 1
 
 
-@njit("Tuple((i8[::1], i4[::1]))(i4[:,::1], i8[:,::1], i8[:,::1])", cache=True, nogil=True)
+@kernel("Tuple((i8[::1], i4[::1]))(i4[:,::1], i8[:,::1], i8[:,::1])")
 def link_cells(
     vertex_of: NDArray[np.int32], points: NDArray[np.int64], offsets: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -177,7 +178,7 @@ def link_cells(
     return start, neighbour
 
 
-@njit("i8[:,::1](i8[:,::1], i8[::1], i4[::1], u1[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8[:,::1](i8[:,::1], i8[::1], i4[::1], u1[:,::1], i8, i8)")
 def shorten(
     points: NDArray[np.int64],
     start: NDArray[np.int64],

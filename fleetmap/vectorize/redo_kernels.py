@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.fewest_kernels import AT_X, AT_Y, GAP_ROWS, TRUE_X, TRUE_Y, choose_fewest
 
 SLACK_EDGES = 1
@@ -18,10 +18,8 @@ WINDOW_EDGES = 3
 """Kept edges on each side of a gap that are looked at together with it."""
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], i8, i8, i8, i8, i8, i8, u1[::1], i4[:,::1], b1, i8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def collect(
     points: NDArray[np.int32],
@@ -51,10 +49,8 @@ def collect(
     return n
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], i8, i8, i8[::1], i8, i8, i8, i8, f8, f8, u1[::1], u1[::1], i4[:,::1], i4[::1], i8[:,::1], f8[::1])",
-    cache=True,
-    nogil=True,
 )
 def give_up(
     points: NDArray[np.int32],
@@ -106,10 +102,8 @@ def give_up(
     return held
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], i4[::1], u1[::1], i8, i8, i8, i8, f8, u1[::1], u1[::1], u1[::1], i4[:,::1], i4[::1])",
-    cache=True,
-    nogil=True,
 )
 def redo_wasteful(
     points: NDArray[np.int32],

@@ -6,9 +6,9 @@ Gaps and their chains as in ``fewest_kernels``; the first and last vertex of a c
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.fewest_kernels import (
     AT_X,
     AT_Y,
@@ -27,7 +27,7 @@ WORTH = 8.0
 than it saves, when one of its ends is cut off slantwise."""
 
 
-@njit("void(i8[:,::1], i8, f8[:,::1])", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8, f8[:,::1])")
 def sum_moments(gap: NDArray[np.int64], n: int, moments: NDArray[np.float64]) -> None:
     """Fill (n, 6): length, and moments y, x, yy, xx, yx, of the boundary from corner 0 to each; in cells from it."""
     ty, tx = gap[TRUE_Y], gap[TRUE_X]
@@ -48,7 +48,7 @@ def sum_moments(gap: NDArray[np.int64], n: int, moments: NDArray[np.float64]) ->
         ay, ax = by, bx
 
 
-@njit("Tuple((f8, f8, f8))(f8[:,::1], i8, i8, f8, f8)", cache=True, nogil=True, inline="always")
+@kernel("Tuple((f8, f8, f8))(f8[:,::1], i8, i8, f8, f8)", inline="always")
 def moments_about(moments: NDArray[np.float64], a: int, b: int, y: float, x: float) -> tuple[float, float, float]:
     """Second moments yy, xx, yx about (y, x), in cells from corner 0, of the boundary from corner a to corner b."""
     length = moments[b, 0] - moments[a, 0]
@@ -60,7 +60,7 @@ def moments_about(moments: NDArray[np.float64], a: int, b: int, y: float, x: flo
     )
 
 
-@njit("f8(f8[:,::1], i8, i8, f8, f8, f8, f8)", cache=True, nogil=True, inline="always")
+@kernel("f8(f8[:,::1], i8, i8, f8, f8, f8, f8)", inline="always")
 def error_of(moments: NDArray[np.float64], a: int, b: int, ay: float, ax: float, by: float, bx: float) -> float:
     """Sum of squared distances of the boundary from corner a to b from the line through (ay, ax) and (by, bx)."""
     yy, xx, yx = moments_about(moments, a, b, ay, ax)
@@ -71,7 +71,7 @@ def error_of(moments: NDArray[np.float64], a: int, b: int, ay: float, ax: float,
     return max((xx * dy * dy - 2.0 * yx * dy * dx + yy * dx * dx) / length2, 0.0)
 
 
-@njit("b1(u1[:,::1], i8, i8, i8[:,::1], i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], i8, i8, i8[:,::1], i8, i8, i8, i8)")
 def may_stand(
     cracks: NDArray[np.uint8], oy: int, ox: int, gap: NDArray[np.int64], n: int, m: int, y: int, x: int
 ) -> bool:
@@ -88,7 +88,7 @@ def may_stand(
     return False
 
 
-@njit("i8(u1[:,::1], i8, i8, i8[:,::1], i8, f8[:,::1], i8, f8, i8, i8, f8[:,::1])", cache=True, nogil=True)
+@kernel("i8(u1[:,::1], i8, i8, i8[:,::1], i8, f8[:,::1], i8, f8, i8, i8, f8[:,::1])")
 def merge_vertices(
     cracks: NDArray[np.uint8],
     oy: int,
@@ -170,7 +170,7 @@ def merge_vertices(
     return k
 
 
-@njit("i8(u1[:,::1], i8, i8, i8[:,::1], i8, f8[:,::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8(u1[:,::1], i8, i8, i8[:,::1], i8, f8[:,::1], i8, i8)")
 def refit_vertices(
     cracks: NDArray[np.uint8],
     oy: int,

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.cells_kernels import find_cracks
 from fleetmap.vectorize.speck_kernels import fill_specks
 
 
 # The cells of a grid are read-only, which numba has no short notation for.
-@njit(
+@kernel(
     "i8(Array(i1, 2, 'C', readonly=True), i8, i8, u1[:,::1], i8, i8, i8, i8, i8, i8, i8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def read_changes(
     cells: NDArray[np.int8],
@@ -71,7 +69,7 @@ def read_changes(
     return total
 
 
-@njit("Tuple((i8, i8))(i8[:,::1], i8, i8, i8[:,::1])", cache=True, nogil=True)
+@kernel("Tuple((i8, i8))(i8[:,::1], i8, i8, i8[:,::1])")
 def widen_spans(spans: NDArray[np.int64], margin: int, width: int, wide: NDArray[np.int64]) -> tuple[int, int]:
     """Fill ``wide`` with the spans of all rows within ``margin``, ``margin`` wider, but for the array's own rim.
 
@@ -103,7 +101,7 @@ def widen_spans(spans: NDArray[np.int64], margin: int, width: int, wide: NDArray
     return first, last
 
 
-@njit("i8(u1[:,::1], u1[:,::1], i8[:,::1], i8, i8, i8, i8, i8, i8[::1])", cache=True, nogil=True)
+@kernel("i8(u1[:,::1], u1[:,::1], i8[:,::1], i8, i8, i8, i8, i8, i8[::1])")
 def refresh(
     raw: NDArray[np.uint8],
     states: NDArray[np.uint8],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.fewest_kernels import (
     AT_X,
     AT_Y,
@@ -27,7 +27,7 @@ REFITS = 2
 """Passes over the vertices of a chain: the third moves next to none."""
 
 
-@njit("void(i4[:,::1], i8, i8, i8, i8, i8, i8[:,::1])", cache=True, nogil=True)
+@kernel("void(i4[:,::1], i8, i8, i8, i8, i8, i8[:,::1])")
 def turn_loop(
     points: NDArray[np.int32], start: int, size: int, begin: int, fy: int, fx: int, gap: NDArray[np.int64]
 ) -> None:
@@ -38,7 +38,7 @@ def turn_loop(
         gap[TRUE_Y, q], gap[TRUE_X, q] = 16 * points[c, 0] + fy, 16 * points[c, 1] + fx
 
 
-@njit("i8(i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8)")
 def make_three(gap: NDArray[np.int64], count: int) -> int:
     """Add the corners that are farthest from a closed chain until it has three edges; returns how many vertices."""
     ty, tx, corner = gap[TRUE_Y], gap[TRUE_X], gap[CORNER]
@@ -59,7 +59,7 @@ def make_three(gap: NDArray[np.int64], count: int) -> int:
     return count
 
 
-@njit("i8(u1[:,::1], i8, i8, i8[:,::1], i8, i8, f8, i8, i8, f8[:,::1], f8[:,::1])", cache=True, nogil=True)
+@kernel("i8(u1[:,::1], i8, i8, i8[:,::1], i8, i8, f8, i8, i8, f8[:,::1], f8[:,::1])")
 def refine(
     cracks: NDArray[np.uint8],
     oy: int,
@@ -83,11 +83,9 @@ def refine(
     return count
 
 
-@njit(
+@kernel(
     "void(u1[:,::1], i8, i8, i4[:,::1], i8, i8, i8, i8, i8, f8, i4[:,::1], u1[::1], i8[:,::1], f8[::1], f8[:,::1],"
     " f8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def simplify_loop(
     cracks: NDArray[np.uint8],
@@ -146,11 +144,9 @@ def simplify_loop(
         at[c, 0], at[c, 1] = gap[PLACE_Y, q], gap[PLACE_X, q]
 
 
-@njit(
+@kernel(
     "void(u1[:,::1], i8, i8, i4[:,::1], i8, i8, i8, i8, i8, i8, i8, f8, i4[:,::1], u1[::1], i8[:,::1], f8[::1],"
     " f8[:,::1], f8[:,::1])",
-    cache=True,
-    nogil=True,
 )
 def simplify_gap(
     cracks: NDArray[np.uint8],
@@ -197,10 +193,8 @@ def simplify_gap(
         at[c, 0], at[c, 1] = gap[PLACE_Y, q], gap[PLACE_X, q]
 
 
-@njit(
+@kernel(
     "void(u1[:,::1], i8, i8, i4[:,::1], i4[::1], u1[::1], i8, i8, i8, i8, u1[::1], u1[::1], i4[:,::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def simplify_arcs(
     cracks: NDArray[np.uint8],

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.cells_kernels import find_cracks
 
 # Literals, since numba compiles globals in: FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 
 
-@njit("i8(u1[:,::1], u1[:,::1], i8, i8, i8, i4[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8(u1[:,::1], u1[:,::1], i8, i8, i8, i4[:,::1], i8)")
 def gather(
     states: NDArray[np.uint8],
     seen: NDArray[np.uint8],
@@ -63,7 +63,7 @@ FILLED = 16
 """Added, in the array of visited cells, to the state that a cell is about to be given."""
 
 
-@njit("b1(u1[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(u1[:,::1], i8, i8, i8, i8, i8)", inline="always")
 def is_long(states: NDArray[np.uint8], y: int, x: int, most: int, dy: int, dx: int) -> bool:
     """Whether more than ``most`` cells of one state lie in a line from cell (y, x) on, or it meets the rim."""
     state = states[y, x]
@@ -77,7 +77,7 @@ def is_long(states: NDArray[np.uint8], y: int, x: int, most: int, dy: int, dx: i
     return True
 
 
-@njit("b1(i4[:,::1], i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("b1(i4[:,::1], i8, i8)", inline="always")
 def starts_with_its_first(queue: NDArray[np.int32], at: int, count: int) -> bool:
     """Whether the component's cell at the front is its lowest, and of those the leftmost."""
     for k in range(at + 1, at + count):
@@ -86,13 +86,13 @@ def starts_with_its_first(queue: NDArray[np.int32], at: int, count: int) -> bool
     return True
 
 
-@njit("i8(i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8)", inline="always")
 def priority(y: int, x: int) -> int:
     """A number for a cell of the lattice, different from those of its neighbours, and in no order."""
     return ((np.int64(y) + (1 << 22)) * 40503 + (np.int64(x) + (1 << 22)) * 30011) * 48271 % 2147483647
 
 
-@njit("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8)")
 def is_near_large(
     states: NDArray[np.uint8],
     seen: NDArray[np.uint8],
@@ -112,7 +112,7 @@ def is_near_large(
     return False
 
 
-@njit("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8, i8)")
 def is_alone(
     states: NDArray[np.uint8],
     seen: NDArray[np.uint8],
@@ -155,10 +155,8 @@ def is_alone(
     return True
 
 
-@njit(
+@kernel(
     "Tuple((i8, i8))(u1[:,::1], u1[:,::1], u1[:,::1], i4[:,::1], i8, i8, i8, i8, i8)",
-    cache=True,
-    nogil=True,
 )
 def fill_specks(
     states: NDArray[np.uint8],

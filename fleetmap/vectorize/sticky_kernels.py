@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.fewest_kernels import is_near
 from fleetmap.vectorize.index_kernels import AT_X, AT_Y, IN, LABEL, NEXT, OUT, POINT_X, POINT_Y
 
@@ -13,7 +13,7 @@ PLACES = 4
 """At most so many places of the boundary are considered for one old vertex (a thin wall has two sides)."""
 
 
-@njit("i8(i8, i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8, i8, i8, i8, i8)", inline="always")
 def after(m: int, step: int, start: int, end: int, closed: int) -> int:
     """The next (step 1) or last (-1) point of an arc's points start to end; -1 beyond the ends of an open one."""
     m += step
@@ -24,11 +24,9 @@ def after(m: int, step: int, start: int, end: int, closed: int) -> int:
     return start if m == end else end - 1
 
 
-@njit(
+@kernel(
     "void(i4[:,::1], i4[::1], i4[::1], i8, i4[:,::1], u1[::1], i4[::1], u1[::1], u1[::1], i4[::1], i4[::1], i8,"
     " i4[::1], i8, i8, i8, i8, i8, i8, i8, i4[:,::1], i4[::1], i4[::1])",
-    cache=True,
-    nogil=True,
 )
 def keep_edges(
     records: NDArray[np.int32],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.index_kernels import (
     AT_X,
     AT_Y,
@@ -25,11 +25,9 @@ from fleetmap.vectorize.index_kernels import (
 from fleetmap.vectorize.window_kernels import VERTEX
 
 
-@njit(
+@kernel(
     "i8(i4[:,::1], u1[::1], i4[::1], i4[::1], i8, u1[::1], i4[:,::1], i4[::1], i4[::1], u1[:,::1], i8, i8,"
     " i4[:,::1], i4[::1], u1[::1], u1[::1], u1[::1], u1[::1], i4[:,::1], i4[::1])",
-    cache=True,
-    nogil=True,
 )
 def list_corners(
     units: NDArray[np.int32],
@@ -86,11 +84,9 @@ def list_corners(
     return count
 
 
-@njit(
+@kernel(
     "void(i4[:,::1], i8[:,::1], i4[:,::1], i4[:,::1], i8[::1], i8[::1], i8[::1], i4[::1], i8, u1[::1], i8, i8, i8,"
     " i8, i8, i8)",
-    cache=True,
-    nogil=True,
 )
 def forget(
     records: NDArray[np.int32],
@@ -144,11 +140,9 @@ def forget(
         marks[touched[k]] = 0
 
 
-@njit(
+@kernel(
     "void(i4[:,::1], i8[:,::1], i4[:,::1], i4[:,::1], i8[::1], i8[::1], i8[::1], u1[:,::1], i8, i8, i4[:,::1], i4[::1],"
     " u1[::1], u1[::1], u1[::1], i8, i4[::1], i4[:,::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def remember(
     records: NDArray[np.int32],

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.conflict_kernels import conflict
 from fleetmap.vectorize.fewest_kernels import is_near
 from fleetmap.vectorize.index_kernels import AT_X, AT_Y, BUCKET, LABEL, NEXT, OUT, POINT_X, POINT_Y
 from fleetmap.vectorize.jump_kernels import count_passes
 
 
-@njit(
-    "i8(i4[:,::1], i4[:,::1], i4[:,::1], u1[::1], i8, i8, i8, i8, i8, i8, i8, b1, i8, i4[::1])", cache=True, nogil=True
+@kernel(
+    "i8(i4[:,::1], i4[:,::1], i4[:,::1], u1[::1], i8, i8, i8, i8, i8, i8, i8, b1, i8, i4[::1])",
 )
 def gather_touched(
     records: NDArray[np.int32],
@@ -67,11 +67,9 @@ def gather_touched(
     return count
 
 
-@njit(
+@kernel(
     "i8(i4[::1], i4[::1], i4[::1], i4[:,::1], i4[::1], u1[::1], i4[:,::1], i4[:,::1], i4[:,::1], u1[::1],"
     " i8[:,::1], u1[::1], i8, i8, i8, i8, i4[::1])",
-    cache=True,
-    nogil=True,
 )
 def find_foreign(
     tails: NDArray[np.int32],

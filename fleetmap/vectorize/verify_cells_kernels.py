@@ -7,11 +7,12 @@ Bits: coordinates of edges are at most 2^25 units, so that differences are at mo
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 
-@njit("i8[:,::1](u1[:,::1], u1[:,::1], i4[:,::1], b1, i8)", cache=True, nogil=True)
+
+@kernel("i8[:,::1](u1[:,::1], u1[:,::1], i4[:,::1], b1, i8)")
 def list_runs(
     is_a: NDArray[np.uint8], is_b: NDArray[np.uint8], labels: NDArray[np.int32], apart: bool, unit: int
 ) -> NDArray[np.int64]:
@@ -49,7 +50,7 @@ def list_runs(
     return runs[:count].copy()
 
 
-@njit("Tuple((i8[:,::1], i8[::1]))(u1[:,::1], i8, i8, i4[:,::1], u1[:,::1], i8)", cache=True, nogil=True)
+@kernel("Tuple((i8[:,::1], i8[::1]))(u1[:,::1], i8, i8, i4[:,::1], u1[:,::1], i8)")
 def list_cracks(
     states: NDArray[np.uint8], a: int, b: int, labels: NDArray[np.int32], mine: NDArray[np.uint8], unit: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -77,7 +78,7 @@ def list_cracks(
     return cracks[:count].copy(), owners[:count].copy()
 
 
-@njit("void(i8[:,::1], i8[::1], i8, i8, i8, i8, i4[:,::1])", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8[::1], i8, i8, i8, i8, i4[:,::1])")
 def fill_cells(
     edges: NDArray[np.int64],
     right: NDArray[np.int64],
@@ -126,7 +127,7 @@ def fill_cells(
             faces[i, j] = face
 
 
-@njit("u1[:,::1](u1[:,::1], i8[::1])", cache=True, nogil=True)
+@kernel("u1[:,::1](u1[:,::1], i8[::1])")
 def find_deep(kinds: NDArray[np.uint8], reach: NDArray[np.int64]) -> NDArray[np.uint8]:
     """(height, width) cells all of whose neighbours, up to ``reach[k]`` columns in the k-th row away, are alike.
 

@@ -6,23 +6,23 @@ Bits: |coordinate| <= 2^20 cells or 2^25 units, so that differences are at most 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.verify_near_kernels import look_up, make_index, side
 
 BLOCK_ROWS = 16
 """Edges are looked up by blocks of so many rows when one asks what lies west of a vertex."""
 
 
-@njit("b1(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(i8, i8, i8, i8, i8, i8)")
 def is_inside(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> bool:
     """Whether p, on the line through a and b, lies between them and is neither."""
     in_box = min(ay, by) <= py <= max(ay, by) and min(ax, bx) <= px <= max(ax, bx)
     return in_box and not (py == ay and px == ax) and not (py == by and px == bx)
 
 
-@njit("i8[:,::1](i8[:,::1])", cache=True, nogil=True)
+@kernel("i8[:,::1](i8[:,::1])")
 def find_bad_meetings(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     """Find pairs of edges, y0 <= y1, that share more than an end, (m, 2) indices i < j, ascending by j; exact."""
     n = len(edges)
@@ -59,7 +59,7 @@ def find_bad_meetings(edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return pairs[:count].copy()
 
 
-@njit("i8(i8[::1], i8)", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8)")
 def root_of(parent: NDArray[np.int64], k: int) -> int:
     """Root of k's set."""
     while parent[k] != k:
@@ -68,14 +68,14 @@ def root_of(parent: NDArray[np.int64], k: int) -> int:
     return k
 
 
-@njit("void(i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("void(i8[::1], i8, i8)")
 def join(parent: NDArray[np.int64], a: int, b: int) -> None:
     """Make one set of two."""
     a, b = root_of(parent, a), root_of(parent, b)
     parent[max(a, b)] = min(a, b)
 
 
-@njit("i8(i8[:,::1], i8[::1], i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8[:,::1], i8[::1], i8, i8, i8)")
 def first_to_the_west(edges: NDArray[np.int64], block: NDArray[np.int64], low_y: int, y: int, x: int) -> int:
     """The edge of row y's block that one meets first when one goes west from (y, x), just above it; or -1.
 
@@ -104,7 +104,7 @@ def first_to_the_west(edges: NDArray[np.int64], block: NDArray[np.int64], low_y:
     return best
 
 
-@njit("i8[::1](i8[:,::1], i8[::1])", cache=True, nogil=True)
+@kernel("i8[::1](i8[:,::1], i8[::1])")
 def join_faces(edges: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np.int64]:
     """(2 n + 1,) the set that the face left of each half-edge belongs to; the last one is the unbounded face.
 
@@ -167,7 +167,7 @@ def join_faces(edges: NDArray[np.int64], order: NDArray[np.int64]) -> NDArray[np
     return face
 
 
-@njit("i8[::1](i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("i8[::1](i8[:,::1], i8)")
 def join_all(links: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     """(size,) the least number that each number is connected to by pairs of numbers, (n, 2)."""
     parent = np.arange(size)
@@ -178,7 +178,7 @@ def join_all(links: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     return parent
 
 
-@njit("i8[::1](i8[:,::1], i8[::1], i8, i8)", cache=True, nogil=True)
+@kernel("i8[::1](i8[:,::1], i8[::1], i8, i8)")
 def match_faces(pairs: NDArray[np.int64], order: NDArray[np.int64], components: int, faces: int) -> NDArray[np.int64]:
     """(components,) a face of its own for as many as possible, else -1; who is earlier in ``order`` goes first.
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 Segments = NDArray[np.int64]
 
@@ -21,7 +22,7 @@ SLACK = 1e-8
 """Units by which float intervals may miss each other: above rounding, and far below what MARGIN does."""
 
 
-@njit("UniTuple(i8, 2)(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("UniTuple(i8, 2)(i8, i8, i8, i8, i8, i8)")
 def x_range(ay: int, ax: int, by: int, bx: int, low: int, high: int) -> tuple[int, int]:
     """Least and most x of the part of segment ab with low <= y <= high, rounded outwards; ay <= by."""
     if ay == by:
@@ -31,7 +32,7 @@ def x_range(ay: int, ax: int, by: int, bx: int, low: int, high: int) -> tuple[in
     return int(math.floor(min(first, last))) - 1, int(math.ceil(max(first, last))) + 1
 
 
-@njit("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:,::1], i8)", cache=True, nogil=True)
+@kernel("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:,::1], i8)")
 def make_index(segments: Segments, reach: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Sort segments with y0 <= y1 into square buckets, each into all that it comes within ``reach`` of.
 
@@ -70,7 +71,7 @@ def make_index(segments: Segments, reach: int) -> tuple[NDArray[np.int64], NDArr
     return frame, first, items
 
 
-@njit("i8(i8[::1], i8[::1], i8[::1], i8, i8, i8, i8, i8, i8[::1], i8[::1])", cache=True, nogil=True)
+@kernel("i8(i8[::1], i8[::1], i8[::1], i8, i8, i8, i8, i8, i8[::1], i8[::1])")
 def look_up(
     frame: NDArray[np.int64],
     first: NDArray[np.int64],
@@ -103,7 +104,7 @@ def look_up(
     return count
 
 
-@njit("UniTuple(u8, 2)(u8, u8)", cache=True, nogil=True)
+@kernel("UniTuple(u8, 2)(u8, u8)")
 def multiply(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     """High and low 64 bits of a product."""
     mask, half = np.uint64(0xFFFFFFFF), np.uint64(32)
@@ -114,7 +115,7 @@ def multiply(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
     return a1 * b1 + (middle >> half) + (other >> half), (other << half) | (low & mask)
 
 
-@njit("b1(i8, i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("b1(i8, i8, i8, i8, i8, i8, i8)")
 def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, radius2: int) -> bool:
     """Whether point p is at most the radius away from segment ab; exact, ``radius2`` <= 2^32."""
     dy, dx, ry, rx = by - ay, bx - ax, py - ay, px - ax
@@ -136,7 +137,7 @@ def is_near(py: int, px: int, ay: int, ax: int, by: int, bx: int, radius2: int) 
     return ry * ry + rx * rx <= radius2 >> 10
 
 
-@njit("UniTuple(f8, 2)(f8, f8, f8, f8)", cache=True, nogil=True)
+@kernel("UniTuple(f8, 2)(f8, f8, f8, f8)")
 def solve(offset: float, slope: float, least: float, most: float) -> tuple[float, float]:
     """The interval of t with least <= offset + slope t <= most; (inf, -inf) if there is none."""
     if slope == 0:
@@ -145,7 +146,7 @@ def solve(offset: float, slope: float, least: float, most: float) -> tuple[float
     return min(p, q), max(p, q)
 
 
-@njit("UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8, f8)", cache=True, nogil=True)
+@kernel("UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8, f8)")
 def stadium_interval(
     dy: float, dx: float, ay: float, ax: float, by: float, bx: float, radius: float
 ) -> tuple[float, float]:
@@ -170,7 +171,7 @@ def stadium_interval(
     return low, high
 
 
-@njit("f8(f8[:,::1], i8[::1], i8, f8)", cache=True, nogil=True)
+@kernel("f8(f8[:,::1], i8[::1], i8, f8)")
 def sweep(intervals: NDArray[np.float64], order: NDArray[np.int64], column: int, length: float) -> float:
     """How far from 0 the intervals cover; at least ``length`` if all of it. ``order`` is by their lower ends."""
     reach = 0.0
@@ -188,7 +189,7 @@ def sweep(intervals: NDArray[np.float64], order: NDArray[np.int64], column: int,
     return length if reach >= length - SLACK else reach
 
 
-@njit("void(i8[:,::1], i8[:,::1], i8, f8[::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8[:,::1], i8, f8[::1], u1[::1])")
 def find_gaps(
     segments: Segments, others: Segments, radius2: int, gaps: NDArray[np.float64], unsure: NDArray[np.uint8]
 ) -> None:
@@ -235,14 +236,14 @@ def find_gaps(
             unsure[i] = 1
 
 
-@njit("i8(i8, i8, i8, i8, i8, i8)", cache=True, nogil=True)
+@kernel("i8(i8, i8, i8, i8, i8, i8)")
 def side(ay: int, ax: int, by: int, bx: int, py: int, px: int) -> int:
     """1, 0 or -1: p lies left of, on or right of the line from a to b."""
     cross = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
     return int(cross > 0) - int(cross < 0)
 
 
-@njit("void(i8[:,::1], i8[::1], i8[:,::1], i8, u1[::1])", cache=True, nogil=True)
+@kernel("void(i8[:,::1], i8[::1], i8[:,::1], i8, u1[::1])")
 def find_touched(
     segments: Segments, owners: NDArray[np.int64], others: Segments, radius2: int, touched: NDArray[np.uint8]
 ) -> None:
@@ -274,7 +275,7 @@ def find_touched(
                 break
 
 
-@njit("i8[:,::1](i8[:,::1], i8[:,::1], i8[::1], i8)", cache=True, nogil=True)
+@kernel("i8[:,::1](i8[:,::1], i8[:,::1], i8[::1], i8)")
 def find_near_numbers(
     points: NDArray[np.int64], segments: Segments, numbers: NDArray[np.int64], radius2: int
 ) -> NDArray[np.int64]:

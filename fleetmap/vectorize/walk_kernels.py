@@ -7,8 +7,9 @@ one to the right, and arcs are walked with the lesser state on the left (FREE = 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from fleetmap.model.kernel import kernel
 
 VISITED = 16
 """Bit of ``cracks``: the passage through the point's right crack was walked."""
@@ -17,31 +18,31 @@ NODE = -1
 """Instead of a direction: three states meet, and all walks end."""
 
 
-@njit("i8(i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8)", inline="always")
 def step_y(d: int) -> int:
     """By how much a step in direction d goes up; a table would be built anew for each step."""
     return np.int64(d == 1) - np.int64(d == 3)
 
 
-@njit("i8(i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i8)", inline="always")
 def step_x(d: int) -> int:
     """By how much a step in direction d goes to the right."""
     return np.int64(d == 0) - np.int64(d == 2)
 
 
-@njit("i8(u1[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(u1[:,::1], i8, i8, i8)", inline="always")
 def left_of(states: NDArray[np.uint8], y: int, x: int, d: int) -> int:
     """State on the left of the crack that leaves point (y, x) in direction d."""
     return states[y - (d >= 2), x - (d == 1 or d == 2)]
 
 
-@njit("i8(u1[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(u1[:,::1], i8, i8, i8)", inline="always")
 def right_of(states: NDArray[np.uint8], y: int, x: int, d: int) -> int:
     """State on the right of the crack that leaves point (y, x) in direction d."""
     return states[y - (d == 0 or d == 3), x - (d >= 2)]
 
 
-@njit("i8(u1[:,::1], u1[:,::1], i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(u1[:,::1], u1[:,::1], i8, i8, i8)", inline="always")
 def pass_through(states: NDArray[np.uint8], cracks: NDArray[np.uint8], y: int, x: int, d: int) -> int:
     """In which direction a walk that enters point (y, x) in direction d leaves it, or ``NODE``.
 
@@ -66,10 +67,8 @@ def pass_through(states: NDArray[np.uint8], cracks: NDArray[np.uint8], y: int, x
     return NODE if right == 0 else (d + 1) & 3
 
 
-@njit(
+@kernel(
     "Tuple((i8, i8))(u1[:,::1], u1[:,::1], i4[:,::1], i8, i4[:,::1], i4[::1], u1[::1], u1[::1])",
-    cache=True,
-    nogil=True,
 )
 def trace_arcs(
     states: NDArray[np.uint8],
@@ -149,7 +148,7 @@ def trace_arcs(
     return arcs, size
 
 
-@njit("void(u1[:,::1], i8, i8, i4[:,::1], u1[::1])", cache=True, nogil=True)
+@kernel("void(u1[:,::1], i8, i8, i4[:,::1], u1[::1])")
 def finish_points(
     cracks: NDArray[np.uint8], oy: int, ox: int, points: NDArray[np.int32], special: NDArray[np.uint8]
 ) -> None:

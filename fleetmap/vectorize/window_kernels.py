@@ -7,9 +7,9 @@ the window is followed back to the last vertex before it, and on to the first on
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from fleetmap.model.kernel import kernel
 from fleetmap.vectorize.index_kernels import find_record, passage_key
 from fleetmap.vectorize.obstacle_kernels import NEAR_STEPS, is_behind
 from fleetmap.vectorize.walk_kernels import NODE, left_of, pass_through, right_of, step_x, step_y
@@ -21,7 +21,7 @@ VERTEX = 32
 """Bit of ``cracks``: a stored vertex stands for the point."""
 
 
-@njit("i8(i4[:,::1], u1[::1], i8, i8, i8, i8)", cache=True, nogil=True, inline="always")
+@kernel("i8(i4[:,::1], u1[::1], i8, i8, i8, i8)", inline="always")
 def put(units: NDArray[np.int32], leaves: NDArray[np.uint8], size: int, y: int, x: int, d: int) -> int:
     """Append a point, and the direction in which it is left; returns the new size."""
     units[size, 0], units[size, 1] = y, x
@@ -29,10 +29,8 @@ def put(units: NDArray[np.int32], leaves: NDArray[np.uint8], size: int, y: int, 
     return size + 1
 
 
-@njit(
+@kernel(
     "i8(u1[:,::1], u1[:,::1], i8[:,::1], i8, i8, i8, i8, i8, i8, i8, i8, i8, b1, i4[:,::1], u1[::1], i8, i8[::1])",
-    cache=True,
-    nogil=True,
 )
 def follow(
     states: NDArray[np.uint8],
@@ -87,11 +85,9 @@ def follow(
         d = turned
 
 
-@njit(
+@kernel(
     "Tuple((i8, i8))(u1[:,::1], u1[:,::1], u1[:,::1], i8[:,::1], i4[:,::1], i8, i4[:,::1], i8, i8, i8, i8, i8, i8, i8,"
     " b1, b1, i4[::1], i4[::1], i8, i8, i4[:,::1], u1[::1], i4[::1], u1[::1], u1[::1], i4[::1], i4[::1])",
-    cache=True,
-    nogil=True,
 )
 def trace_window(
     states: NDArray[np.uint8],
