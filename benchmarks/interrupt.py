@@ -1,4 +1,4 @@
-"""Ctrl-C at random moments while kernels compile: does each program end as it should, and is nothing left running?
+"""Ctrl-C at random moments while kernels compile must end a program cleanly, and leave nothing running.
 
     python benchmarks/interrupt.py                 50 times `sim`, `warmup` and an agent, some 15 minutes on two cores
     python benchmarks/interrupt.py --tries 5 --json

@@ -13,6 +13,8 @@ import pytest
 from hypothesis import settings
 
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.kernel_cache import kernel_modules
+from fleetmap.model.kernel_compiler import compile_ahead
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.map_server import save_map
 from fleetmap.model.pose import Pose2
@@ -24,6 +26,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # The same examples on each run; long hunts belong in benchmarks/.
 settings.register_profile("fleetmap", deadline=None, derandomize=True)
 settings.load_profile("fleetmap")
+
+
+def pytest_configure(config):
+    """Compile on all cores what a run of all tests needs; single files compile what they import."""
+    if config.args_source is not config.ArgsSource.ARGS:
+        compile_ahead(kernel_modules())
+
 
 TIMEOUT_FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
 """Scales every timeout of the tests, for slow machines."""

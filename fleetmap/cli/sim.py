@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 
 USUAL = "tcp/127.0.0.1:7447"
 """Where a fleet meets that was told no place."""
+
+EACH_S = 8.0
+"""A pipe gets a line this often: progress comes a few times in it, and 10 s without a word are long."""
 
 
 def sim(
@@ -135,16 +139,17 @@ def _progress_table(progress: Progress) -> Table:
 
 
 class _PlainProgress:
-    """A line on stderr at each change of phase, tenth of the way or minute of simulated time: for logs and pipes."""
+    """A line on stderr at each change of phase or tenth of the way, and each 8 s: for logs and pipes."""
 
     def __init__(self) -> None:
         self._said: object = None
+        self._said_s = 0.0
 
     def __call__(self, progress: Progress) -> None:
         covered = max((r.covered for r in progress.robots), default=0.0)
-        now = (progress.phase, int(covered * 10), int(progress.t_s / 60))
-        if now != self._said:
-            self._said = now
+        now, now_s = (progress.phase, int(covered * 10)), time.monotonic()
+        if now != self._said or now_s - self._said_s >= EACH_S:
+            self._said, self._said_s = now, now_s
             robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
             stderr.print(
                 f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, "

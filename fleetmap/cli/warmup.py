@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import typer
@@ -26,9 +27,9 @@ def warmup(as_json: AsJson = False) -> None:
     started = time.perf_counter()
     names = kernel_modules()
     compile_ahead(names)
-    folders = [cached_in(name) for name in names]
-    cached = all(folder is not None and not is_temporary(folder) for folder in folders)
-    cache = str(folders[0]) if cached else None
+    folders = [folder for name in names if (folder := cached_in(name)) is not None and not is_temporary(folder)]
+    cached = len(folders) == len(names)
+    cache = os.path.commonpath(folders) if cached else None
     seconds = time.perf_counter() - started
     if as_json:
         print_json({"modules": list(names), "duration_s": seconds, "cache": cache, "cached": cached})

@@ -35,6 +35,9 @@ JIT = not vars(config)["DISABLE_JIT"]
 
 F = TypeVar("F", bound=Callable[..., object])
 
+OPTIONS: dict[str, Any] = {"nogil": True}
+"""What all kernels have in common; changed options make all that was compiled stale."""
+
 SUM_BYTES = 16
 """Each file ends in a checksum of the rest. What it doesn't fit is never given to pickle or to the linker."""
 
@@ -65,7 +68,7 @@ def kernel(signature: str, *, inline: Literal["never", "always"] = "never") -> C
             return function
         kernel_compiler.before_kernel(function.__module__)
         with interrupts_later():
-            dispatcher: Any = numba.njit(nogil=True, inline=inline)(function)
+            dispatcher: Any = numba.njit(inline=inline, **OPTIONS)(function)
             dispatcher._cache = KernelCache(function)
             # What numba.njit does with a signature, but with our cache.
             with numba.core.typeinfer.register_dispatcher(dispatcher):
@@ -156,20 +159,24 @@ class KernelCache(caching.FunctionCache):
             kernel_compiler.could_not_save(folder, error)
 
     def _files(self, folder: Path) -> KernelFiles:
-        return KernelFiles(str(folder), self._base, kernel_cache.stamp(self._source))
+        return _files(folder, self._source, self._base)
 
 
 def cached_in(module: str) -> Path | None:
     """The folder of compiled kernels of a module of this package; None if one is missing. Imports nothing."""
     source = kernel_cache.source_of(module)
-    folders, stamp = kernel_cache.reading_folders(source), kernel_cache.stamp(source)
+    folders = kernel_cache.reading_folders(source)
     found = None
     for name in re.findall(r"^@kernel\(.*?^def (\w+)", source.read_text("utf-8"), re.M | re.S):
         base = _file_base(source, name)
-        found = next((f for f in folders if KernelFiles(str(f), base, stamp).has(_machine())), None)
+        found = next((f for f in folders if _files(f, source, base).has(_machine())), None)
         if found is None:
             return None
     return found
+
+
+def _files(folder: Path, source: Path, base: str) -> KernelFiles:
+    return KernelFiles(str(folder), base, (kernel_cache.stamp(source), OPTIONS))
 
 
 @cache

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import pkgutil
 import re
 import tempfile
 from collections.abc import Iterable
@@ -34,8 +33,8 @@ logger = logging.getLogger(__name__)
 @cache
 def kernel_modules() -> tuple[str, ...]:
     """Full names of all modules whose name ends in ``_kernels``."""
-    walk = pkgutil.walk_packages([str(PACKAGE)], "fleetmap.")
-    return tuple(sorted(info.name for info in walk if info.name.endswith("_kernels")))
+    found = (path.relative_to(PACKAGE).with_suffix("").parts for path in PACKAGE.rglob("*_kernels.py"))
+    return tuple(sorted(".".join(("fleetmap", *parts)) for parts in found))
 
 
 def group(module: str) -> str:
@@ -81,7 +80,8 @@ def _imports(source: Path) -> tuple[str, ...]:
     found = []
     for origin, names in re.findall(r"^from (fleetmap[\w.]*) import ([\w, ]*)", source.read_text("utf-8"), re.M):
         named = [f"{origin}.{name.split()[0]}" for name in names.split(",") if name.strip()]
-        found += [name for name in (origin, *named) if source_of(name).is_file()]
+        # The decorator compiles nothing into a kernel; its options are stamped apart.
+        found += [n for n in (origin, *named) if n != "fleetmap.model.kernel" and source_of(n).is_file()]
     return tuple(found)
 
 

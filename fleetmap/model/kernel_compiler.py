@@ -33,6 +33,10 @@ MAX_WORKERS = 8
 POLL_S = 0.2
 """How often whoever waits looks whether to go on."""
 
+BYTE_S = 0.75e-3
+"""One core compiles a byte of source in about this time (224 s for 300 kB, on 3 GHz; modules differ by a factor of 2).
+Counts for a tenth of all sources, beside what is measured."""
+
 CLOSE_S = 2.0
 """A worker whose pipe is closed ends itself at once; after this time it is ended."""
 
@@ -257,7 +261,7 @@ class _Workers:
                         waiting.remove(module)
                         if not _send(worker, module):
                             return False
-                self._tell(began_s)
+                self._tell(workers, began_s)
                 for key, _ in selector.select(POLL_S):
                     worker = key.data
                     if worker.process.stdout.readline() != f"done {worker.module}\n".encode():
@@ -266,7 +270,7 @@ class _Workers:
                     worker.module = None
                 if stop is not None and stop.is_set():
                     raise Stopped
-        self._tell(began_s)
+            self._tell(workers, began_s)
         return True
 
     def _next(self, waiting: list[str]) -> str | None:
@@ -282,11 +286,14 @@ class _Workers:
             urgency[module] = _size(module) + max((urgency[m] for m in after), default=0)
         return urgency
 
-    def _tell(self, began_s: float) -> None:
+    def _tell(self, workers: list[_Worker], began_s: float) -> None:
         elapsed_s = time.monotonic() - began_s
-        done, all_of_it = (sum(map(_size, modules)) for modules in (self.done, self.modules))
-        left_s = elapsed_s * (all_of_it - done) / done if done else None
-        _report(Compiling(len(self.done), len(self.modules), elapsed_s, left_s))
+        total = sum(map(_size, self.modules))
+        # What is under way is half done, on average.
+        done = sum(map(_size, self.done)) + sum(_size(worker.module) for worker in workers if worker.module) / 2
+        expected = total / 10
+        byte_s = (elapsed_s + expected * BYTE_S / len(workers)) / (done + expected)
+        _report(Compiling(len(self.done), len(self.modules), elapsed_s, (total - done) * byte_s))
 
     @contextmanager
     def _workers(self) -> Iterator[list[_Worker]]:

@@ -118,9 +118,10 @@ class RobotProgress:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The fleet as of the last round; ``phase`` is ``starting``, ``exploring``, ``converging``, ``holding``.
+    """The fleet as of the last round.
 
-    ``fleet`` and ``endpoint`` are what others need to join or watch it.
+    ``phase`` is ``starting``, ``exploring``, ``converging``, ``reporting`` or ``holding``; ``fleet`` and ``endpoint`` are
+    what others need to join or watch it.
     """
 
     phase: str

@@ -6,7 +6,8 @@ import asyncio
 import secrets
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 
@@ -34,6 +35,9 @@ ROUND_S = 3.0
 STARTUP_S = 120.0
 """Until all processes have loaded their libraries and joined."""
 
+REPEAT_S = 4.0
+"""Progress is told at least this often, so that nobody takes a slow phase for the end."""
+
 SAMPLES = 4000
 """Reachable cells that the progress figure ``covered`` looks at."""
 
@@ -49,7 +53,7 @@ def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHI
 
     Parameters
     ----------
-    on_progress : called after each round, and when the phase changes
+    on_progress : called after each round, when the phase changes, and each 4 s
 
     Raises
     ------
@@ -97,14 +101,24 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
     # Compiled once here, and loaded from the cache by the robots.
     await compile_in_thread(modules_of(*KERNELS))
 
-    def tell(phase: str) -> None:
+    phase = "starting"
+
+    def tell(now: str) -> None:
+        nonlocal phase
+        phase = now
         t_s = max((p.t_s for p in run.latest.values()), default=0.0)
         on_progress(Progress(phase, t_s, run.endpoint, tuple(run.latest.values()), run.fleet))
 
+    async def repeat() -> None:
+        while True:
+            await asyncio.sleep(REPEAT_S)
+            tell(phase)
+
     with tempfile.TemporaryDirectory(prefix="fleetmap-sim-") as scratch:
-        async with rendezvous(_listen(config)) as meeting, Crew(config.silent_s) as crew:
+        async with rendezvous(_listen(config)) as meeting, Crew(config.silent_s) as crew, _beside(repeat()):
             run.endpoint = meeting.endpoint
             run.fleet = name_fleet(config, meeting)
+            tell("starting")
             await _start(run, crew, Path(scratch), meeting)
             tell("exploring")
             await _explore(run, crew, tell)
@@ -115,11 +129,22 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
             written = await crew.ask(lambda member: {"write": str(folder / f"{member.robot}.fmap")})
             run.stats = {robot: dict(a["stats"]) for robot, a in written.items()}  # type: ignore[call-overload]
             run.maps = {robot: folder / f"{robot}.fmap" for robot in written}
+            tell("reporting")
             document = await asyncio.to_thread(write_outcome, run, crew.deaths)
             if config.hold_s > 0:
                 tell("holding")
                 await asyncio.sleep(config.hold_s)
     return SimResult(config.out, document)
+
+
+@asynccontextmanager
+async def _beside(work: Coroutine[object, object, None]) -> AsyncIterator[None]:
+    """Run ``work`` until the block ends."""
+    task = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        task.cancel()
 
 
 async def _start(run: Run, crew: Crew, scratch: Path, meeting: Meeting) -> None:
