@@ -251,3 +251,32 @@ def wait_for_end(pid, timeout_s):
         assert select.select([ends], [], [], timeout_s)[0], f"{pid} still runs"
     finally:
         os.close(ends)
+
+
+def test_a_peer_loads_no_kernel_beyond_those_that_are_compiled_before_it_is_seen():
+    code = """
+        import asyncio, sys
+        import numpy as np
+        import fleetmap
+        from fleetmap.peer.memory_link import LoopClock, MemoryHub
+
+        async def main():
+            hub = MemoryHub(LoopClock())
+            cells = np.full((60, 60), -1, np.int8)
+            async with (
+                fleetmap.join("a", start=fleetmap.Pose2(), link=hub.link("a")) as a,
+                fleetmap.join("b", start=fleetmap.Pose2(), link=hub.link("b")) as b,
+            ):
+                for size in (30, 40, 50):
+                    cells[5:size, 5:50] = 0
+                    cells[20, 10:30] = 100
+                    await a.publish(fleetmap.OccupancyGrid(cells.copy(), 0.05))
+                    assert len(await b.synced(at_least=1))
+
+        asyncio.run(main())
+        print(*(name for name in sys.modules if name.endswith("_kernels")))
+    """
+    out, _ = run(code)
+    loaded = set(out.split())
+    assert "fleetmap.merge.arrange_kernels" in loaded
+    assert loaded <= set(kernel_cache.modules_of(*kernel_cache.AGENT))

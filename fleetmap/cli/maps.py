@@ -36,8 +36,12 @@ def read_grid(path: Path, *, residual: Path | None = None) -> OccupancyGrid:
     """The map in ``path`` as a grid: a YAML or .fgrid as it is, an .fmap drawn, with what it leaves out if given."""
     from fleetmap.codecs.fgrid import load_fgrid
     from fleetmap.codecs.fmap import load_fmap
+    from fleetmap.model.kernel_cache import modules_of
+    from fleetmap.model.kernel_compiler import compile_ahead
     from fleetmap.vectorize import rasterize
 
+    if path.suffix in (".fmap", ".fgrid"):
+        compile_ahead(modules_of("model", "codecs"))
     if path.suffix == ".fmap":
         content = load_fmap(path)
         if isinstance(content, MergedMap):

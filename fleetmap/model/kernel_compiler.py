@@ -28,7 +28,10 @@ from fleetmap.model.errors import FleetmapError
 from fleetmap.model.interrupts import interrupts_later
 
 MAX_WORKERS = 8
-"""Each takes some 200 MB; and the longest chain of kernels that import each other keeps more of them waiting."""
+"""The longest chain of kernels that import each other keeps more of them waiting."""
+
+WORKER_BYTES = 1 << 29
+"""What LLVM makes a worker grow to at most (350 MB measured): small computers have more cores than room."""
 
 POLL_S = 0.2
 """How often whoever waits looks whether to go on."""
@@ -302,7 +305,7 @@ class _Workers:
         code = f"import sys; sys.path[:] = {json.dumps(sys.path)}; from {__name__} import work; work()"
         workers: list[_Worker] = []
         try:
-            for _ in range(min(MAX_WORKERS, len(os.sched_getaffinity(0)), len(self.modules))):
+            for _ in range(min(_max_workers(), len(self.modules))):
                 process = subprocess.Popen(
                     [sys.executable, "-c", code],
                     stdin=subprocess.PIPE,
@@ -328,6 +331,11 @@ class _Workers:
                         worker.process.wait()
                     assert worker.process.stdout is not None
                     worker.process.stdout.close()
+
+
+def _max_workers() -> int:
+    room = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2  # the rest is the agent's
+    return max(1, min(MAX_WORKERS, len(os.sched_getaffinity(0)), room // WORKER_BYTES))
 
 
 def _send(worker: _Worker, module: str) -> bool:
