@@ -13,8 +13,8 @@ from fleetmap.model.kernel_compiler import Compiling
 
 WHAT = "compiling kernels (only once after an installation)"
 
-EACH_S = 10.0
-"""A pipe gets a line this often. Whoever waits longer without one takes a program for hung."""
+EACH_S = 9.0
+"""A pipe gets a line this often: whoever waits 10 s without one takes a program for hung."""
 
 
 class CompilingShown:
