@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 USUAL = "tcp/127.0.0.1:7447"
 """Where a fleet meets that was told no place."""
 
-EACH_S = 8.0
+EACH_S = 5.0
 """A pipe gets a line this often: progress comes a few times in it, and 10 s without a word are long."""
 
 
@@ -139,7 +139,7 @@ def _progress_table(progress: Progress) -> Table:
 
 
 class _PlainProgress:
-    """A line on stderr at each change of phase or tenth of the way, and each 8 s: for logs and pipes."""
+    """A line on stderr at each change of phase or tenth of the way, and each 5 s: for logs and pipes."""
 
     def __init__(self) -> None:
         self._said: object = None
