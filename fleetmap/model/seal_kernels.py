@@ -26,9 +26,9 @@ def list_open_steps(
     ``found`` is (row, column, axis, t): from that cell to the next row (axis 0) or column (axis 1), crossed at the
     fraction t / 2^10. What doesn't fit in ``found`` is counted only. Centres lie an epsilon to the right, and far less
     than that upwards, of where they are: so none is on an edge, and a path of steps can't slip through a vertex.
-    |coordinate| <= 2^27 (a vector map's, in 1/32 of a cell, are within 2^25; a merged map's, in 0.25 mm, within 2^26.4),
-    so that products of two differences stay below 2^56. A cell is less than 2^23 half units: 2^10 of a step, times its
-    divisor, is below 2^61.
+    |coordinate| <= 2^27 (a vector map's, in 1/32 of a cell, are within 2^25; a merged map's, in 0.25 mm, within
+    2^26.4), so that products of two differences stay below 2^56. A cell is less than 2^23 half units: 2^10 of a step,
+    times its divisor, is below 2^61.
     """
     height, width = blocked.shape
     half = cell // 2

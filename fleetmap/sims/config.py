@@ -120,8 +120,8 @@ class RobotProgress:
 class Progress:
     """The fleet as of the last round.
 
-    ``phase`` is ``starting``, ``exploring``, ``converging``, ``reporting`` or ``holding``; ``fleet`` and ``endpoint`` are
-    what others need to join or watch it.
+    ``phase`` is ``starting``, ``exploring``, ``converging``, ``reporting`` or ``holding``; ``fleet`` and ``endpoint``
+    are what others need to join or watch it.
     """
 
     phase: str
