@@ -75,6 +75,17 @@ def is_shut(grid, outline, pose=None):
     return not set(regions[clear & inside]) & set(regions[clear & ~inside]) - {0}
 
 
+def take_cells(drawn, rng, *, block):
+    """A drawn grid without one blocked cell, or without those in a block of 3 x 3 cells."""
+    states = drawn.states_yx().copy()
+    rows, columns = np.nonzero(states == OCCUPIED)
+    at = rng.integers(len(rows))
+    y, x, r = rows[at], columns[at], int(block)
+    part = states[max(y - r, 0) : y + r + 1, max(x - r, 0) : x + r + 1]
+    part[part == OCCUPIED] = rng.choice([FREE, UNKNOWN])
+    return OccupancyGrid.from_states(states, drawn.resolution_m, drawn.origin)
+
+
 def _outline(rng, kind):
     if kind == "slanting":
         while True:

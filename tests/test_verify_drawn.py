@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rooms import KINDS, is_shut, make_room
+from rooms import KINDS, is_shut, make_room, take_cells
 
 from fleetmap.merge import fold
 from fleetmap.merge.verify import verify as verify_merged
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.vectorize import rasterize, vectorize, verify
-
-
-def with_cells_taken(drawn, rng, *, block):
-    """A drawn grid without one blocked cell, or without those in a block of 3 x 3 cells."""
-    states = drawn.states_yx().copy()
-    rows, columns = np.nonzero(states == OCCUPIED)
-    at = rng.integers(len(rows))
-    y, x, r = rows[at], columns[at], int(block)
-    part = states[max(y - r, 0) : y + r + 1, max(x - r, 0) : x + r + 1]
-    part[part == OCCUPIED] = rng.choice([FREE, UNKNOWN])
-    return OccupancyGrid.from_states(states, drawn.resolution_m, drawn.origin)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -34,7 +23,7 @@ def test_refused_is_a_drawn_grid_whose_wall_a_flood_gets_through_and_no_other(ki
         vector_map = vectorize(room.grids[0], profile=profile)
         whole = rasterize(vector_map, like=room.grids[0])
         for block in (False, True) * 3:
-            drawn = with_cells_taken(whole, rng, block=block)
+            drawn = take_cells(whole, rng, block=block)
             opened = not is_shut(drawn, room.outline)
             report = verify(room.grids[0], vector_map, drawn=drawn)
             assert any(v.kind == "opened" for v in report.violations) == opened
@@ -54,7 +43,7 @@ def test_the_same_for_merged_maps(kind):
         assert is_shut(whole, room.outline)
         assert verify_merged(sources, merged) == []
         for block in (False, True):
-            drawn = with_cells_taken(whole, rng, block=block)
+            drawn = take_cells(whole, rng, block=block)
             opened = not is_shut(drawn, room.outline)
             assert any(v.law == "drawn" for v in verify_merged(sources, merged, drawn=drawn)) == opened
             told[opened] += 1
