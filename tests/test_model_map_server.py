@@ -3,6 +3,7 @@ import struct
 import warnings
 import zlib
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -102,7 +103,82 @@ def test_mode_scale_makes_transparent_pixels_unknown(tmp_path: Path) -> None:
 def test_mode_trinary_averages_alpha_with_the_colours(tmp_path: Path) -> None:
     pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0]]], np.uint8)
     # brightness 1/4, 1 and 3/4, as in map_server
-    assert load_map(write_map(tmp_path, Image.fromarray(pixels))).cells_yx.tolist() == [[100, 0, -1]]
+    with pytest.warns(MapWarning, match="1 of 3 cells"):
+        assert load_map(write_map(tmp_path, Image.fromarray(pixels))).cells_yx.tolist() == [[100, 0, -1]]
+
+
+def with_alpha(kind: str) -> Image.Image:
+    """``GREYS`` with an opaque alpha channel of some kind."""
+    image = Image.fromarray(GREYS)
+    if kind == "tRNS":
+        image.info["transparency"] = 7  # a grey that no pixel has
+        return image
+    return image.convert("RGBA").convert(kind)
+
+
+@pytest.mark.parametrize("kind", ["LA", "RGBA", "P", "tRNS"])
+def test_an_opaque_alpha_channel_is_followed_by_the_letter_and_warned_of(tmp_path: Path, kind: str) -> None:
+    # Grey 205 is (3 * 205 + 255) / 1020 = 0.853 bright to map_server (measured with GraphicsMagick): free.
+    path = write_map(tmp_path, with_alpha(kind))
+    with pytest.warns(MapWarning, match=r"alpha of map\.png .* 1 of 5 cells are not what their colours say"):
+        assert load_map(path).cells_yx.tolist() == [[100, 0, 0, 0, -1]]
+
+
+@pytest.mark.parametrize("kind", ["LA", "RGBA", "P", "tRNS"])
+@pytest.mark.parametrize(("occupied", "free"), [("0.65", "0.1"), ("0.7", "0.05")])
+def test_alpha_that_changes_no_cell_is_not_warned_of(tmp_path: Path, kind: str, occupied: str, free: str) -> None:
+    path = write_map(tmp_path, with_alpha(kind), occupied_thresh=occupied, free_thresh=free)
+    assert load_map(path).cells_yx.tolist() == TRINARY
+
+
+@given(
+    grey=st.integers(0, 255), alpha=st.integers(0, 255), free=st.integers(0, 99), occupied=st.integers(1, 100),
+    negate=st.booleans(),
+)  # fmt: skip
+def test_alpha_is_warned_of_if_and_only_if_it_changes_a_cell(
+    grey: int, alpha: int, free: int, occupied: int, negate: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    free, occupied = min(free, occupied - 1), max(free + 1, occupied)
+    folder = tmp_path_factory.mktemp("map")
+    changes = {"free_thresh": str(free / 100), "occupied_thresh": str(occupied / 100), "negate": str(int(negate))}
+    found = []
+    for name, pixel in (("alpha.png", [[[grey, grey, grey, alpha]]]), ("plain.png", [[grey]])):
+        path = write_map(folder, Image.fromarray(np.array(pixel, np.uint8)), name=name, **changes)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            cell = int(load_map(path).cells_yx[0, 0])
+        found.append((cell, any("alpha of" in str(warning.message) for warning in caught)))
+    assert found[0][1] == (found[0][0] != found[1][0])
+    assert not found[1][1]
+    shade = (3 * grey + alpha) / 1020
+    occupancy = shade if negate else 1 - shade
+    assert found[0][0] == (100 if occupancy > occupied / 100 else 0 if occupancy < free / 100 else -1)
+
+
+def test_grey_205_that_free_thresh_frees_is_warned_of_with_alpha_too(tmp_path: Path) -> None:
+    path = write_map(tmp_path, with_alpha("LA"), free_thresh="0.25")
+    with pytest.warns(MapWarning, match=r"free_thresh 0\.25 makes grey 205"):
+        assert load_map(path).cells_yx.tolist() == [[100, 0, 0, 0, -1]]
+
+
+def bmp_of_32_bits(greys: list[int], fourth: list[int]) -> bytes:
+    data = b"".join(bytes([grey, grey, grey, byte]) for grey, byte in zip(greys, fourth, strict=True))
+    head = struct.pack("<IiiHHIIiiII", 40, len(greys), 1, 1, 32, 0, len(data), 2835, 2835, 0, 0)
+    return b"BM" + struct.pack("<IHHI", 54 + len(data), 0, 0, 54) + head + data
+
+
+def test_the_fourth_byte_of_a_bmp_is_alpha_as_in_map_server(tmp_path: Path) -> None:
+    (tmp_path / "map.bmp").write_bytes(bmp_of_32_bits([0, 254, 205, 255, 100], [255, 0, 255, 0, 100]))
+    # 0.25, 0.747, 0.853, 0.75, 0.392 bright
+    with pytest.warns(MapWarning, match="3 of 5 cells"):
+        assert load_map(write_yaml(tmp_path, image="map.bmp")).cells_yx.tolist() == [[100, -1, 0, -1, -1]]
+
+
+def test_a_sixteen_bit_png_with_a_transparent_grey_has_alpha(tmp_path: Path) -> None:
+    chunks = png(2, 1, zlib.compress(struct.pack(">BHH", 0, 205 * 257, 254 * 257)), depth=16, transparent=b"\0\7")
+    (tmp_path / "map.png").write_bytes(chunks)
+    with pytest.warns(MapWarning, match="1 of 2 cells"):
+        assert load_map(write_yaml(tmp_path, image="map.png")).cells_yx.tolist() == [[0, 0]]
 
 
 def test_mode_raw_takes_the_levels_themselves(tmp_path: Path) -> None:
@@ -126,12 +202,111 @@ def test_exponents_without_a_dot_are_numbers(tmp_path: Path) -> None:
     assert load_map(path).resolution_m == 0.05
 
 
+NUMBERS = {
+    "010": 10, "010.5": 10.5, "+1": 1, "1.": 1, ".5": 0.5, "+.5": 0.5, "5e-2": 0.05, "5.e-2": 0.05, "1E-2": 0.01,
+    "'0.05'": 0.05, '"0.05"': 0.05, "!!str 0.05": 0.05, "&a 0.05": 0.05, "0.05 # m": 0.05, "'0.05 '": 0.05,
+    "|\n  0.05": 0.05, "12345678901234567890123": 12345678901234567890123.0,
+}  # fmt: skip
+"""What yaml-cpp 0.7 reads as a double."""
+
+NO_NUMBERS = [
+    "1:30", "1_000", "0b1", "0x10", "0o10", "0x1p-2", "nan", "inf", "infinity", ".inf", ".nan", "1e400", "1.0f", "1,5",
+    "0.05 m", "1e", "1e+", "--1", "+-1", "1d2", "' 0.05'", "0.05#m", "٣", ".", "e5", "5e 2", "1.5.2", "true", "~", "''",
+]  # fmt: skip
+"""What yaml-cpp 0.7 refuses as a double, or reads as one that is not finite."""
+
+
+@pytest.mark.parametrize("text", NUMBERS)
+def test_numbers_are_read_as_yaml_cpp_reads_them(tmp_path: Path, text: str) -> None:
+    path = write_map(tmp_path, Image.fromarray(GREYS), resolution=text)
+    assert load_map(path).resolution_m == NUMBERS[text]
+
+
+@pytest.mark.parametrize("text", NO_NUMBERS)
+def test_what_yaml_cpp_does_not_read_as_a_number_is_refused(tmp_path: Path, text: str) -> None:
+    Image.fromarray(GREYS).save(tmp_path / "map.pgm")
+    assert refusal(write_yaml(tmp_path, resolution=text)).field == "resolution"
+    if "," not in text:
+        assert refusal(write_yaml(tmp_path, origin=f"[{text}, 0, 0]")).field == "origin"
+
+
+def test_an_origin_with_leading_zeros_is_decimal(tmp_path: Path) -> None:
+    path = write_map(tmp_path, Image.fromarray(GREYS), origin="[010, -007.50, 0]")
+    assert load_map(path).origin == Pose2(10.0, -7.5, 0.0)
+
+
+TRUTHS = {
+    **dict.fromkeys(["1", "01", "+1", "0x1", "y", "Y", "yes", "Yes", "YES", "true", "on", "'1'", "'true'"], True),
+    **dict.fromkeys(["0", "+0", "0x0", "n", "no", "false", "False", "off", "OFF", "'0'"], False),
+}  # fmt: skip
+NO_TRUTHS = ["0.0", "1.0", "1e0", "yEs", "10000000000", "0b1", "1:0", "~", "", "null", "[0]", "' 1'"]
+
+
+@pytest.mark.parametrize("text", TRUTHS)
+def test_negate_is_read_as_yaml_cpp_reads_it(tmp_path: Path, text: str) -> None:
+    pixels = 255 - GREYS if TRUTHS[text] else GREYS
+    assert load_map(write_map(tmp_path, Image.fromarray(pixels), negate=text)).cells_yx.tolist() == TRINARY
+
+
+@pytest.mark.parametrize("text", NO_TRUTHS)
+def test_a_negate_that_yaml_cpp_refuses_is_refused(tmp_path: Path, text: str) -> None:
+    Image.fromarray(GREYS).save(tmp_path / "map.pgm")
+    assert refusal(write_yaml(tmp_path, negate=text)).field == "negate"
+
+
+def test_a_name_that_looks_like_a_number_or_a_date_is_a_name(tmp_path: Path) -> None:
+    for name in ("010", "true", "2001-99-99", "1_0"):
+        Image.fromarray(GREYS).save(tmp_path / name, format="PNG")
+        assert load_map(write_yaml(tmp_path, image=name)).cells_yx.tolist() == TRINARY
+
+
+def test_the_mode_may_have_capitals_as_in_map_server(tmp_path: Path) -> None:
+    assert load_map(write_map(tmp_path, Image.fromarray(GREYS), mode="Trinary")).cells_yx.tolist() == TRINARY
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "image:\tmap.pgm\nresolution:\t0.05\norigin:\t[1, 2, 0]\nnegate:\t0\n",
+        "image: map.pgm\t\nresolution: \t 0.05\t \norigin: [1,\t2,\t0]\t\nnegate: 0\t# no\n",
+        "image\t: map.pgm\nresolution : 0.05\norigin: [\t1, 2, 0\t]\nnegate: 0\n",
+        "image: 'map.pgm'\t#\nresolution:\t'0.05'\norigin:\n-\t1\n-\t2\n- 0\nnegate: 0\n",
+        "image: map.pgm\nresolution:\n\t0.05\norigin: [1,\n\t2,\n\t0]\nnegate: 0\n",
+    ],
+)
+def test_a_tab_between_tokens_is_a_blank(tmp_path: Path, text: str) -> None:
+    (tmp_path / "map.pgm").write_bytes(b"P5\n5 1\n255\n" + GREYS.tobytes())
+    (tmp_path / "map.yaml").write_text(text + "occupied_thresh:\t0.65\nfree_thresh:\t0.196")
+    grid = load_map(tmp_path / "map.yaml")
+    assert (grid.cells_yx.tolist(), grid.resolution_m, grid.origin) == (TRINARY, 0.05, Pose2(1.0, 2.0, 0.0))
+
+
+@pytest.mark.parametrize("image", ["'a\tb.png'", "a\tb.png", "a\tb.png\t# c"])
+def test_a_tab_within_a_name_stays(tmp_path: Path, image: str) -> None:
+    Image.fromarray(GREYS).save(tmp_path / "a\tb.png")
+    assert load_map(write_yaml(tmp_path, image=image)).cells_yx.tolist() == TRINARY
+
+
+@pytest.mark.parametrize("key", HEADER)
+def test_a_doubled_key_is_refused(tmp_path: Path, key: str) -> None:
+    Image.fromarray(GREYS).save(tmp_path / "map.pgm")
+    path = write_yaml(tmp_path)
+    for again in (key, f"'{key}'"):
+        path.write_text("".join(f"{k}: {v}\n" for k, v in HEADER.items()) + f"{again}: {HEADER[key]}\n")
+        error = refusal(path)
+        assert error.field == key
+        assert "twice, the second time in line 7" in error.reason
+
+
 BAD_FIELDS = [
     ("image", None),
     ("image", "[1]"),
     ("image", "absent.pgm"),
     ("image", "."),
     ("image", '"nul\\0.pgm"'),
+    ("image", '"half a pair \\ud800.pgm"'),
+    ("image", "~"),
+    ("image", "a" * 5_000),
     ("resolution", None),
     ("resolution", "0"),
     ("resolution", "-0.05"),
@@ -174,8 +349,10 @@ BAD_YAML = {
     "too large": b"# filler\n" * 10_000,
     "aliases": b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n",
     "deep": b"[" * 60_000,
-    "bad date": b"image: 2001-99-99\n",
-    "endless number": b"image: " + b"1" * 5_000 + b"\n",
+    "two documents": b"image: map.pgm\n---\nimage: map.pgm\n",
+    "a list for a key": b"[image, map.pgm]: 1\n",
+    "no such character": b'image: "\\UFFFFFFFF"\n',
+    "tab for indentation": b"\timage: map.pgm\nresolution: 0.05\n",
 }
 
 
@@ -216,12 +393,40 @@ def test_a_bad_pgm_is_refused(tmp_path: Path, kind: str) -> None:
     assert refusal(write_yaml(tmp_path)).field in ("image", "image size")
 
 
-def png(width: int, height: int, data: bytes) -> bytes:
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (b"P5\n5 1\n255\n" + GREYS.tobytes() + b"\n", "1 bytes"),
+        (b"P5\n5 1\n255\n" + GREYS.tobytes() * 3, "10 bytes"),
+        (b"P5 5 1 65535\n" + GREYS.astype(">u2").tobytes() * 2, "10 bytes"),
+        (b"P5 5 1 100\n" + bytes(5 + 7), "7 bytes"),
+        (b"P6 5 1 255\n" + GREYS.tobytes() * 4, "5 bytes"),
+        (b"P4 9 2\n" + bytes(4 + 2), "2 bytes"),
+        (b"P2\n5 1\n255\n0 254 # 7 7\n205\n255 100 3 # 1\n 4", "2 numbers"),
+    ],
+)
+def test_a_pgm_longer_than_its_header_says_is_warned_of(tmp_path: Path, data: bytes, says: str) -> None:
+    (tmp_path / "map.pgm").write_bytes(data)
+    with pytest.warns(MapWarning, match=rf"map\.pgm goes on behind its last pixel, by {says}:"):
+        assert load_map(write_yaml(tmp_path)).cells_yx.size in (5, 18)
+
+
+@pytest.mark.parametrize("image", ["pgm", "png"])
+def test_a_map_beyond_179_million_pixels_is_saved_and_read(tmp_path: Path, image: Literal["pgm", "png"]) -> None:
+    cells = np.full((13_500, 13_500), -1, np.int8)
+    cells[7000:7002, 5:13_000] = [[0], [100]]
+    save_map(OccupancyGrid(cells, 0.05), tmp_path / "map.yaml", image=image)
+    assert np.array_equal(load_map(tmp_path / "map.yaml").cells_yx, cells)
+
+
+def png(width: int, height: int, data: bytes, *, depth: int = 8, transparent: bytes = b"") -> bytes:
     def chunk(kind: bytes, body: bytes) -> bytes:
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
-    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0))
+    if transparent:
+        head += chunk(b"tRNS", transparent)
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
 @pytest.mark.parametrize(

@@ -30,9 +30,6 @@ GREY_OCCUPIED, GREY_FREE, GREY_UNKNOWN = 0, 254, 205
 RAW_UNKNOWN = 255
 """What stands for unknown in mode ``raw``, where any other grey up to 100 is the value itself."""
 
-MAX_YAML_BYTES, MAX_YAML_TOKENS = 1 << 16, 1000
-"""A usual file has 300 bytes and 40 tokens; PyYAML takes quadratic time over nested brackets, 0.1 s for these."""
-
 MODES = ("trinary", "scale", "raw")
 
 
@@ -53,23 +50,41 @@ def load_map(yaml_path: str | os.PathLike[str]) -> OccupancyGrid:
     """Read a map_server map.
 
     The resolution stays the number in the file, and the origin may have a yaw. Warns with ``MapWarning``
-    where map_server's rule makes free space of grey 205, its own mark for unknown.
+    where map_server's rule makes free space of grey 205, its own mark for unknown, where an alpha channel
+    changes cells, and where a PGM is longer than its header says.
 
     Raises
     ------
     MapFormatError : names the file and the field; raised before memory is taken for the cells
     """
     header = read_header(Path(yaml_path))
-    image = read_brightness(header.image, average_alpha=header.mode == "trinary")
+    image = read_brightness(header.image)
+    cells = _cells(image, header)
+
+    def warn(message: str) -> None:
+        warnings.warn(f"{yaml_path}: {message}", MapWarning, stacklevel=3)
+
+    if image.surplus:
+        warn(f"{header.image.name} goes on behind its last pixel, by {image.surplus}: is its header right?")
+    if header.mode == "trinary" and image.alpha_yx is not None:
+        colours, cells = cells, _cells(image.with_alpha(), header)
+        changed = int(np.count_nonzero(cells != colours))
+        if changed:
+            warn(
+                f"alpha of {header.image.name} counts as one more colour in mode trinary, as in map_server: {changed} "
+                f"of {cells.size} cells are not what their colours say; expected an image without alpha, as "
+                f"Image.open({header.image.name!r}).convert('L') of Pillow makes one"
+            )
     occupancy = GREY_UNKNOWN / 255 if header.negate else 1 - GREY_UNKNOWN / 255
-    if header.mode != "raw" and occupancy < header.free_thresh and image.has_grey(GREY_UNKNOWN):
-        warnings.warn(
-            f"{yaml_path}: free_thresh {header.free_thresh} makes grey {GREY_UNKNOWN} (p = {occupancy:.3f}) free, "
-            f"which map_saver writes for unknown; expected {FREE_THRESHOLD} if it means unknown here, too",
-            MapWarning,
-            stacklevel=2,
+    if header.mode != "raw" and occupancy < header.free_thresh and (cells[image.is_grey(GREY_UNKNOWN)] == 0).any():
+        warn(
+            f"free_thresh {header.free_thresh} makes grey {GREY_UNKNOWN} (p = {occupancy:.3f}) free, "
+            f"which map_saver writes for unknown; expected {FREE_THRESHOLD} if it means unknown here, too"
         )
-    return OccupancyGrid(_cells(image, header)[::-1], header.resolution_m, header.origin)
+    try:
+        return OccupancyGrid(cells[::-1], header.resolution_m, header.origin)
+    except MapFormatError as error:  # of the grid, which knows no file
+        raise MapFormatError(path=os.fspath(yaml_path), field=error.field, reason=error.reason) from None
 
 
 def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: Literal["pgm", "png"] = "pgm") -> None:
@@ -96,7 +111,7 @@ def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: L
         raise ConfigError(option="yaml_path", value=str(path), reason="has the name of the image; expected .yaml")
 
     cells = grid.cells_yx[::-1]
-    trinary = bool(np.isin(cells, (-1, 0, 100)).all())
+    trinary = not ((cells > 0) & (cells < 100)).any()
     greys = np.arange(256).astype(np.uint8)
     if trinary:
         greys[[0, 100, 255]] = GREY_FREE, GREY_OCCUPIED, GREY_UNKNOWN
@@ -122,24 +137,22 @@ def read_header(path: Path) -> MapHeader:
     ------
     MapFormatError : as ``load_map``; the image is not looked at
     """
-    fields = _read_yaml(path)
+    from fleetmap.model.map_yaml import Value, as_number, as_truth, read_yaml
+
+    fields = read_yaml(path)
 
     def refuse(field: str, expected: str) -> MapFormatError:
         found = reprlib.repr(fields[field]) if field in fields else "nothing"
         return MapFormatError(path=path, field=field, reason=f"expected {expected}; found {found}")
 
-    def number(field: str, value: object, expected: str) -> float:
-        try:
-            # A string, since PyYAML takes 5e-2 for one; a bool is an int to Python, but not to a reader.
-            result = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            result = math.nan
-        if not math.isfinite(result):
+    def number(field: str, value: Value, expected: str) -> float:
+        result = as_number(value)
+        if math.isnan(result):
             raise refuse(field, expected)
         return result
 
     name = fields.get("image")
-    if not isinstance(name, str) or not name or "\0" in name:
+    if not isinstance(name, str) or not _is_file_name(name):
         raise refuse("image", "the name of an image file")
     resolution_m = number("resolution", fields.get("resolution"), "metres a cell, above 0")
     if resolution_m <= 0:
@@ -147,51 +160,26 @@ def read_header(path: Path) -> MapHeader:
     origin = fields.get("origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise refuse("origin", "[x, y, yaw]")
-    x_m, y_m, yaw_rad = (number("origin", value, "three finite numbers") for value in origin)
+    x_m, y_m, yaw_rad = (number("origin", value, "three finite decimal numbers") for value in origin)
     occupied, free = (
         number(field, fields.get(field), "a number from 0 to 1") for field in ("occupied_thresh", "free_thresh")
     )
     if not 0 <= free < occupied <= 1:
         raise refuse("free_thresh", f"0 <= free_thresh < occupied_thresh <= 1 (occupied_thresh is {occupied})")
     mode = fields.get("mode", "trinary")
-    if mode not in MODES:
+    if not isinstance(mode, str) or mode.lower() not in MODES:
         raise refuse("mode", " or ".join(MODES))
-    negate = fields.get("negate")
-    if not isinstance(negate, (bool, int)):
+    negate = as_truth(fields.get("negate"))
+    if negate is None:
         raise refuse("negate", "0 or 1")
-    return MapHeader(
-        path.parent / name, resolution_m, Pose2(x_m, y_m, yaw_rad), bool(negate), occupied, free, str(mode)
-    )
+    return MapHeader(path.parent / name, resolution_m, Pose2(x_m, y_m, yaw_rad), negate, occupied, free, mode.lower())
 
 
-def _read_yaml(path: Path) -> dict[object, object]:
-    """Read the mapping in a YAML file, of bounded size and without aliases."""
-    import yaml
-
-    def refuse(reason: str) -> MapFormatError:
-        return MapFormatError(path=path, field="yaml", reason=reason)
-
+def _is_file_name(name: str) -> bool:
     try:
-        with path.open("rb") as file:
-            raw = file.read(MAX_YAML_BYTES + 1)
-    except OSError as error:
-        raise refuse(f"cannot be read: {error.strerror}") from error
-    if len(raw) > MAX_YAML_BYTES:
-        raise refuse(f"more than {MAX_YAML_BYTES} bytes; expected the few lines of a map_server file")
-    try:
-        text = raw.decode()
-        for count, token in enumerate(yaml.scan(text, Loader=yaml.SafeLoader)):
-            # Aliases let a few lines stand for terabytes.
-            if count > MAX_YAML_TOKENS or isinstance(token, yaml.AliasToken):
-                raise refuse("expected a plain mapping; found aliases, or very many values")
-        fields = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        if isinstance(error, MapFormatError):
-            raise
-        raise refuse(f"is no YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(fields, dict):
-        raise refuse(f"expected a mapping with image, resolution and origin; found {reprlib.repr(fields)}")
-    return fields
+        return bool(name) and b"\0" not in os.fsencode(name)
+    except UnicodeEncodeError:  # half of a surrogate pair, written as an escape
+        return False
 
 
 def _cells(image: Brightness, header: MapHeader) -> NDArray[np.int8]:
@@ -207,8 +195,8 @@ def _cells(image: Brightness, header: MapHeader) -> NDArray[np.int8]:
         between = scaled if header.mode == "scale" else np.full_like(scaled, -1)
         table = np.where(is_occupied, 100, np.where(is_free, 0, between))
     cells: NDArray[np.int8] = table.astype(np.int8)[image.levels_yx]
-    if header.mode == "scale" and image.opaque_yx is not None:
-        cells[~image.opaque_yx] = -1
+    if header.mode == "scale" and image.alpha_yx is not None:
+        cells[image.alpha_yx < 255] = -1
     return cells
 
 
