@@ -208,6 +208,7 @@ def join(
     config: Mapping[str, object] | None = None,
     budget_Bps: float | None = None,
     max_rate_hz: float | None = None,
+    baselines: bool = True,
     link: Link | None = None,
 ) -> SyncPeer:
     """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``.
@@ -226,6 +227,7 @@ def join(
             config=config,
             budget_Bps=budget_Bps,
             max_rate_hz=max_rate_hz,
+            baselines=baselines,
             link=link,
         )
     )

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-from fleetmap.codecs import baselines
+from fleetmap.codecs import baselines, context_grid
 from fleetmap.codecs.baselines import (
     GRID_BASELINES,
     HEADER_BYTES,
     VECTOR_BASELINES,
     available,
+    exact_changed_rectangle,
     gzip_changed_rectangle,
     gzip_grid,
     png_grid,
@@ -27,7 +28,7 @@ from fleetmap.codecs.baselines import (
 )
 from fleetmap.codecs.baselines.lines import LATTICE_BYTES
 from fleetmap.model.grid import OccupancyGrid
-from fleetmap.model.lattice import Lattice
+from fleetmap.model.lattice import UNKNOWN, Lattice
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.vectorize import vectorize
@@ -87,6 +88,25 @@ def test_without_a_common_lattice_the_whole_grid_is_sent() -> None:
 def test_a_rounded_origin_is_no_change() -> None:
     rounded = OccupancyGrid(CELLS, 0.05, Pose2(3.0004, -0.9997))
     assert gzip_changed_rectangle(rounded, grid(CELLS)) == 0
+
+
+@pytest.mark.parametrize("most", [7, 29, 30, 31, 200, 1199, 1200])
+def test_differences_beyond_one_payload_count_as_several(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    states = grid(CELLS).states_yx()
+    monkeypatch.setattr(context_grid, "MAX_CELLS", most)
+    parts = context_grid.split(states.shape)
+    seen = np.zeros(states.shape, int)
+    for part in parts:
+        seen[part] += 1
+        assert states[part].size <= most
+    assert (seen == 1).all()
+    base = np.full_like(states, UNKNOWN)
+    sizes = [HEADER_BYTES + len(context_grid.encode_states(states[part], base[part])) for part in parts]
+    changed = grid(CELLS)
+    assert (states[[0, -1]] != UNKNOWN).any(axis=1).all()
+    assert (states[:, [0, -1]] != UNKNOWN).any(axis=0).all()
+    assert exact_changed_rectangle(None, changed) == sum(sizes)
+    assert len(parts) > 1 or most == 1200
 
 
 SMALL = st.tuples(st.integers(1, 6), st.integers(1, 6)).flatmap(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import logging
 import time
 from functools import partial
 
@@ -13,6 +14,7 @@ import pytest
 import fleetmap
 import fleetmap.sync
 from fleetmap.accounting import Ledger
+from fleetmap.codecs import baselines
 from fleetmap.engine import Engine
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
@@ -49,6 +51,41 @@ async def test_a_grid_is_vectorized_shared_and_counted() -> None:
         assert 0 < stats.bytes_deltas < stats.baselines["grid_gzip_full"]
         assert len(stats.series) == 3
         assert b.plan((0.7, 0.7), (1.8, 1.5), radius_m=0.1).length_m == pytest.approx(1.36, abs=0.05)
+
+
+async def test_a_baseline_that_fails_is_counted_as_missing_and_fails_no_publish(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> int:
+        raise ValueError("expected at most 7 cells")
+
+    monkeypatch.setattr(baselines, "exact_changed_rectangle", fail)
+    async with fleetmap.join("a", start=Pose2(), link=MemoryHub(LoopClock()).link("a")) as a:
+        with caplog.at_level(logging.WARNING):
+            assert await a.publish(grid())
+            assert await a.publish(grid(64))
+        stats = a.stats()
+    assert stats.baselines_missing == {"grid_exact_updates": 2}
+    assert stats.to_json()["baselines_missing"] == {"grid_exact_updates": 2}
+    assert sorted(stats.baselines) == ["grid_gzip_full", "grid_gzip_updates"]
+    assert len(stats.series) == 2
+    told = [record.getMessage() for record in caplog.records if "baseline" in record.getMessage()]
+    assert told == ["a: baseline grid_exact_updates is not counted: expected at most 7 cells"]
+
+
+@pytest.mark.parametrize("counted", [True, False])
+async def test_baselines_are_counted_or_not_in_both_faces(counted: bool) -> None:
+    hub = MemoryHub(LoopClock())
+
+    def work() -> dict[str, int]:
+        with fleetmap.sync.join("s", start=Pose2(), baselines=counted, link=hub.link("s")) as peer:
+            peer.publish(grid())
+            return dict(peer.stats().baselines)
+
+    async with fleetmap.join("a", start=Pose2(), baselines=counted, link=hub.link("a")) as a:
+        await a.publish(grid())
+        assert (a.stats().baselines != {}) == counted
+        assert ((await asyncio.to_thread(work)) != {}) == counted
 
 
 async def test_another_resolution_starts_the_submap_anew() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -51,6 +51,7 @@ class Stats:
     sent : by kind: ``delta``, ``snapshot``, ``repair``, ``digest``, ``want``, ``list``, ``pose``, ``goal``
     received, dropped : by (robot, kind); a drop's kind ends in its reason, as in ``delta/seq``
     grids : by name, e.g. ``grid_gzip_full``: what the updates that were published would have been as grids
+    baselines_missing : by name, updates that ``grids`` doesn't hold, as the codec refused the grid
     watched : answers to watchers (``fleetmap stats --fleet``); they are not in ``sent``: who watches causes them
     explored_m2 : free floor in the grids that were published last; 0 if none was
     series : (t_s, bytes_vector, bytes_deltas, baselines...) each time an update was published
@@ -60,6 +61,7 @@ class Stats:
     received: Mapping[tuple[str, str], Count]
     dropped: Mapping[tuple[str, str], Count]
     grids: Mapping[str, Count]
+    baselines_missing: Mapping[str, int]
     watched: Count
     explored_m2: float
     series: tuple[tuple[float, Mapping[str, int]], ...]
@@ -98,6 +100,7 @@ class Stats:
             "received": by_robot(self.received),
             "dropped": by_robot(self.dropped),
             **{f"bytes_{name}": size for name, size in sorted(self.baselines.items())},
+            "baselines_missing": dict(sorted(self.baselines_missing.items())),
             "series": [[t_s, dict(sizes)] for t_s, sizes in self.series],
         }
 
@@ -110,6 +113,7 @@ class Ledger:
     _received: dict[tuple[str, str], Count] = field(default_factory=dict)
     _dropped: dict[tuple[str, str], Count] = field(default_factory=dict)
     _grids: defaultdict[str, Count] = field(default_factory=lambda: defaultdict(Count))
+    _missing: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
     _watched: Count = field(default_factory=Count)
     _explored_m2: dict[str, float] = field(default_factory=dict)
     _series: list[tuple[float, dict[str, int]]] = field(default_factory=list)
@@ -140,12 +144,18 @@ class Ledger:
         with self._lock:
             self._explored_m2[submap] = area_m2
 
-    def published(self, t_s: float, baselines: Mapping[str, int]) -> None:
-        """An update was published; ``baselines`` says what it would have cost otherwise, bytes by name.
+    def published(self, t_s: float, baselines: Mapping[str, int], *, missing: Iterable[str] = ()) -> None:
+        """An update was published. What changed nothing costs nothing, and is no message.
 
-        What changed nothing costs nothing, and is no message.
+        Parameters
+        ----------
+        t_s : when
+        baselines : what it would have cost otherwise, bytes by name
+        missing : names of the baselines that can't be said of it
         """
         with self._lock:
+            for name in missing:
+                self._missing[name] += 1
             for name, size_bytes in baselines.items():
                 grids = self._grids[name]
                 if size_bytes > 0:
@@ -164,6 +174,7 @@ class Ledger:
                 _copy(self._received),
                 _copy(self._dropped),
                 _copy(self._grids),
+                dict(self._missing),
                 replace(self._watched),
                 sum(self._explored_m2.values()),
                 tuple((t_s, dict(sizes)) for t_s, sizes in self._series),

@@ -89,6 +89,18 @@ def decode_states(data: bytes, base_yx: NDArray[np.uint8] | None = None, *, robo
     return states
 
 
+def split(shape: tuple[int, int]) -> list[tuple[slice, slice]]:
+    """Windows (rows, columns) of a grid of any size, each of which ``encode_states`` takes: bands of whole rows."""
+    height, width = shape
+    columns = min(width, MAX_CELLS)
+    rows = max(1, MAX_CELLS // max(1, columns))
+    return [
+        (slice(y, min(y + rows, height)), slice(x, min(x + columns, width)))
+        for y in range(0, height, rows)
+        for x in range(0, width, max(1, columns))
+    ]
+
+
 def read_size(data: bytes) -> tuple[int, int]:
     """Height and width in cells, which stand in front.
 

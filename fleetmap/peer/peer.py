@@ -107,7 +107,7 @@ class Peer:
         )
         # Checks the names now, and not when the link is open. What it would say first is not sent, and not counted.
         self._engine = self._make_engine(epoch=1, ledger=Ledger())
-        self._publisher = GridPublisher(self._ledger, baselines=baselines)
+        self._publisher = GridPublisher(self._ledger, baselines=baselines, robot=robot)
         self._folder = Folder(robot, self._look, interval_s=fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
         self.stepped, self._steps = asyncio.Condition(), 0

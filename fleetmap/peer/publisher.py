@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,8 @@ from fleetmap.model.vectormap import VectorMap
 if TYPE_CHECKING:
     from fleetmap.vectorize import Vectorizer
 
+logger = logging.getLogger(__name__)
+
 
 class GridPublisher:
     """Vectorizes grids in a thread, one at a time, and counts what they would have cost as grids.
@@ -25,10 +28,12 @@ class GridPublisher:
     ----------
     ledger : where the baselines are counted
     baselines : count them at all; they cost a gzip of the whole grid at each publish
+    robot : the own name, for the log
     """
 
-    def __init__(self, ledger: Ledger, *, baselines: bool) -> None:
-        self._ledger, self._baselines = ledger, baselines
+    def __init__(self, ledger: Ledger, *, baselines: bool, robot: str = "") -> None:
+        self._ledger, self._baselines, self._robot = ledger, baselines, robot
+        self._told: set[str] = set()
         self._vectorizers: dict[str, Vectorizer] = {}
         self._last: dict[str, OccupancyGrid] = {}
         self._turn = asyncio.Lock()
@@ -63,7 +68,11 @@ class GridPublisher:
             vector_map = await asyncio.to_thread(self._vectorize, submap, source)
             sent = await send(submap, vector_map)
             sizes = await asyncio.to_thread(self._sizes, submap, source) if self._baselines else {}
-            self._ledger.published(clock(), sizes)
+            self._ledger.published(
+                clock(),
+                {name: size for name, size in sizes.items() if size is not None},
+                missing=[name for name, size in sizes.items() if size is None],
+            )
             return sent
 
     def _vectorize(self, submap: str, grid: OccupancyGrid) -> VectorMap:
@@ -78,15 +87,26 @@ class GridPublisher:
         self._vectorizers[submap] = vectorizer
         return vectorizer.update(grid)
 
-    def _sizes(self, submap: str, grid: OccupancyGrid) -> dict[str, int]:
+    def _sizes(self, submap: str, grid: OccupancyGrid) -> dict[str, int | None]:
+        """Bytes by baseline; None where it failed: the map has been sent, and no figure is a reason to fail."""
         from fleetmap.codecs.baselines import exact_changed_rectangle, gzip_changed_rectangle, gzip_grid
 
         before = self._last.get(submap)
         self._last[submap] = grid
         free = int(np.count_nonzero(grid.states_yx() == FREE))
         self._ledger.explored(submap, free * grid.resolution_m**2)
-        return {
-            "grid_gzip_full": gzip_grid(grid),
-            "grid_gzip_updates": gzip_changed_rectangle(before, grid),
-            "grid_exact_updates": exact_changed_rectangle(before, grid),
+        baselines: dict[str, Callable[[], int]] = {
+            "grid_gzip_full": lambda: gzip_grid(grid),
+            "grid_gzip_updates": lambda: gzip_changed_rectangle(before, grid),
+            "grid_exact_updates": lambda: exact_changed_rectangle(before, grid),
         }
+        return {name: self._size(name, count) for name, count in baselines.items()}
+
+    def _size(self, name: str, count: Callable[[], int]) -> int | None:
+        try:
+            return count()
+        except Exception as error:  # whatever a codec has against a grid
+            if name not in self._told:
+                self._told.add(name)
+                logger.warning("%s: baseline %s is not counted: %s", self._robot, name, error)
+            return None

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fleetmap.codecs.baselines.gzip_cells import gzip_grid, pack
 from fleetmap.codecs.baselines.protocol import HEADER_BYTES
-from fleetmap.codecs.context_grid import encode_states
+from fleetmap.codecs.context_grid import encode_states, split
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import UNKNOWN
 
@@ -39,7 +39,8 @@ def exact_changed_rectangle(old: OccupancyGrid | None, new: OccupancyGrid) -> in
     """Return the bytes of the smallest rectangle of changed states through the exact layer, the old ones as its base.
 
     That is the least that is known for differences of grids. Cells that the old grid did not have were unknown; with no
-    old grid, or one of another resolution, yaw or phase, all were. 0 if nothing changed.
+    old grid, or one of another resolution, yaw or phase, all were. 0 if nothing changed. A rectangle too large for one
+    payload counts as several.
     """
     states = new.states_yx()
     was = np.full_like(states, UNKNOWN)
@@ -48,7 +49,10 @@ def exact_changed_rectangle(old: OccupancyGrid | None, new: OccupancyGrid) -> in
         now, before = _overlap(old, new, shift_yx)
         was[now] = old.states_yx()[before]
     window = _bounds(states != was)
-    return 0 if window is None else HEADER_BYTES + len(encode_states(states[window], was[window]))
+    if window is None:
+        return 0
+    states, was = states[window], was[window]
+    return sum(HEADER_BYTES + len(encode_states(states[part], was[part])) for part in split(states.shape))
 
 
 Window = tuple[slice, slice]
