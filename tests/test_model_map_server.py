@@ -1,5 +1,7 @@
 import os
 import struct
+import subprocess
+import sys
 import warnings
 import zlib
 from pathlib import Path
@@ -7,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
@@ -477,11 +480,36 @@ def test_a_failed_save_leaves_the_old_map_and_no_other_file(tmp_path: Path, monk
     def fail(*args: object, **kwargs: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr(Image.Image, "save", fail)
-    with pytest.raises(OSError, match="disk full"):
-        save_map(OccupancyGrid(np.array([[-1, -1]], np.int8), 0.05), tmp_path / "map.yaml")
-    assert sorted(os.listdir(tmp_path)) == ["map.pgm", "map.yaml"]
-    assert load_map(tmp_path / "map.yaml").cells_yx.tolist() == [[100, 0]]
+    for writer in ((Image.Image, "save"), (yaml, "safe_dump")):
+        with monkeypatch.context() as patched:
+            patched.setattr(*writer, fail)
+            with pytest.raises(OSError, match="disk full"):
+                save_map(OccupancyGrid(np.array([[-1, 37]], np.int8), 0.05), tmp_path / "map.yaml")
+        assert sorted(os.listdir(tmp_path)) == ["map.pgm", "map.yaml"]
+        assert load_map(tmp_path / "map.yaml").cells_yx.tolist() == [[100, 0]]
+
+
+def test_a_disk_that_fills_up_behind_the_image_leaves_the_old_map(tmp_path: Path) -> None:
+    """The new image beside the old YAML, of another mode, would be another map."""
+    save_map(OccupancyGrid(np.array([[100, 0]], np.int8), 0.05), tmp_path / "map.yaml")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    code = """if True:
+        import resource, numpy as np, PIL.PngImagePlugin, yaml
+        from fleetmap.model.grid import OccupancyGrid
+        from fleetmap.model.map_server import save_map
+        grid = OccupancyGrid(np.array([[-1, 37]], np.int8), 0.05)
+        save_map(grid, "warm.yaml")  # all is imported now
+        # Room for the image, 13 bytes, and not for the YAML.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (64, 64))
+        try:
+            save_map(grid, "map.yaml")
+        except OSError as error:
+            print(type(error).__name__)
+    """
+    run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (0, "OSError\n"), run.stderr
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("map.*")} == before
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_save_refuses_an_unknown_image_kind_and_the_image_as_yaml(tmp_path: Path) -> None:

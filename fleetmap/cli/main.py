@@ -6,6 +6,10 @@ document, also for errors.
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
+import sys
 import warnings
 from typing import Annotated
 
@@ -15,7 +19,7 @@ from rich.markup import escape
 from fleetmap.__main__ import main as main
 from fleetmap.cli.compare import compare
 from fleetmap.cli.compiling import CompilingShown
-from fleetmap.cli.output import print_json, stderr
+from fleetmap.cli.output import CheckedOutput, OutputLost, print_json, stderr
 from fleetmap.cli.paper import paper
 from fleetmap.cli.rasterize import rasterize
 from fleetmap.cli.sim import sim
@@ -52,6 +56,21 @@ def top(
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout = CheckedOutput(sys.stdout)
+    try:
+        code = _run(arguments)
+        sys.stdout.flush()
+    except OutputLost as error:
+        # What is left in the buffer would fail once more as Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not error.reader_gone:  # as in `| head`, which has what it wanted
+            _tell(f"[bold red]error:[/] {error}")
+        return 1
+    return code
+
+
+def _run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     told: set[str] = set()
 
@@ -59,7 +78,7 @@ def run(arguments: list[str]) -> int:
         # A command that runs something twice, for its time, says everything once.
         if str(message) not in told:
             told.add(str(message))
-            stderr.print(f"[yellow]warning:[/] {escape(str(message))}", highlight=False, soft_wrap=True)
+            _tell(f"[yellow]warning:[/] {escape(str(message))}")
 
     warnings.showwarning = show_once
     compiling = CompilingShown()
@@ -98,7 +117,12 @@ def _fail(error: BaseException, code: int, as_json: bool) -> int:
     elif code == 2 and not message:
         return code  # help was asked for, and has been printed
     else:
-        stderr.print(f"[bold red]error:[/] {escape(message)}", highlight=False, soft_wrap=True)
+        _tell(f"[bold red]error:[/] {escape(message)}")
         if code == 2:
-            stderr.print("Try a command with --help.", highlight=False)
+            _tell("Try a command with --help.")
     return code
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(OSError):  # nobody can be told
+        stderr.print(text, highlight=False, soft_wrap=True)

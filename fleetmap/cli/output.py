@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import sys
-from collections.abc import Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from typing import Annotated
 
 import typer
@@ -16,6 +20,80 @@ from rich.table import Table
 AsJson = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout.")]
 
 stderr = Console(stderr=True)
+
+
+EVERY_S = 8.0
+"""In a pipe or a file, what takes long says so this often."""
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[str], None]]:
+    """Say on stderr what is being done, and for how long: in place on a terminal, elsewhere a line now and then.
+
+    Yields
+    ------
+    tell : called with the name of each step as it begins
+    """
+    live, ended = stderr.is_terminal, threading.Event()
+    step, began_s = "", time.monotonic()
+    status = stderr.status(escape(title)) if live else None
+
+    def show() -> None:
+        text = escape(f"{title}: {step}, {time.monotonic() - began_s:.0f} s")
+        with suppress(OSError):  # what nobody can read is no reason to stop
+            if status is not None:
+                status.update(text)
+            else:
+                stderr.print(text, highlight=False, soft_wrap=True)
+
+    def tick() -> None:
+        while not ended.wait(1.0 if live else EVERY_S):
+            show()
+
+    def tell(name: str) -> None:
+        nonlocal step, began_s
+        step, began_s = name, time.monotonic()
+        if live:
+            show()
+
+    ticker = threading.Thread(target=tick, name="progress", daemon=True)
+    with status or nullcontext():
+        ticker.start()
+        try:
+            yield tell
+        finally:
+            ended.set()
+            ticker.join()
+
+
+class OutputLost(Exception):
+    """Standard output can't be written: its disk is full, or its reader is gone. No OSError, which a map may cause."""
+
+    def __init__(self, error: OSError) -> None:
+        self.reader_gone = isinstance(error, BrokenPipeError)
+        super().__init__(f"standard output can't be written: {error.strerror}")
+
+
+class CheckedOutput(io.TextIOWrapper):
+    """Standard output, telling its own failures from those of other files."""
+
+    def __init__(self, stream: io.TextIOWrapper) -> None:
+        encoding, errors, lines = stream.encoding, stream.errors, stream.line_buffering
+        super().__init__(stream.detach(), encoding, errors, line_buffering=lines)
+
+    def write(self, text: str) -> int:
+        """Write a text, into the buffer or beyond."""
+        try:
+            return super().write(text)
+        except OSError as error:
+            raise OutputLost(error) from None
+
+    def flush(self) -> None:
+        """Write what is in the buffer."""
+        try:
+            super().flush()
+        except OSError as error:
+            raise OutputLost(error) from None
 
 
 def print_json(document: Mapping[str, object]) -> None:

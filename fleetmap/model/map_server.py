@@ -10,7 +10,8 @@ import os
 import reprlib
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
@@ -91,13 +92,13 @@ def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: L
     """Write a grid as a map_server map: ``yaml_path``, and the image beside it under the same stem.
 
     Reading it gives the same cells: mode ``trinary`` if they are all -1, 0 or 100, else ``raw``, which has no place
-    for ``free_below`` and ``occupied_above``. Each file is written under another name and then moved, the image first,
-    so that nobody reads half of one.
+    for ``free_below`` and ``occupied_above``. Both files are written under other names and then moved, the image
+    first, so that nobody reads half of one, and a disk that is full leaves the map that was there.
 
     Raises
     ------
     ConfigError : ``image`` is neither ``pgm`` nor ``png``, or ``grid`` no ``OccupancyGrid``
-    OSError : the folder is missing or not writable
+    OSError : the folder is missing or not writable, or its disk full
     """
     import yaml
     from PIL import Image
@@ -125,9 +126,10 @@ def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: L
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
     }
-    _write_atomically(image_path, lambda file: pixels.save(file, format="PPM" if image == "pgm" else "PNG"))
     text = yaml.safe_dump(header, sort_keys=False, default_flow_style=None)
-    _write_atomically(path, lambda file: file.write(text.encode()))
+    with _written_whole(image_path, path) as (image_file, yaml_file):
+        pixels.save(image_file, format="PPM" if image == "pgm" else "PNG")
+        yaml_file.write(text.encode())
 
 
 def read_header(path: Path) -> MapHeader:
@@ -200,13 +202,21 @@ def _cells(image: Brightness, header: MapHeader) -> NDArray[np.int8]:
     return cells
 
 
-def _write_atomically(path: Path, write: Callable[[IO[bytes]], object]) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+@contextmanager
+def _written_whole(*paths: Path) -> Iterator[list[IO[bytes]]]:
+    """Files to write, beside where they belong; moved there in this order once all are written, else removed."""
+    beside: list[Path] = []
     try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        Path(name).chmod(0o644)  # mkstemp's 0600 would hide the map from the other nodes of a robot
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        with ExitStack() as stack:
+            files: list[IO[bytes]] = []
+            for path in paths:
+                handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+                beside.append(Path(name))
+                files.append(stack.enter_context(os.fdopen(handle, "wb")))
+            yield files
+        for whole, path in zip(beside, paths, strict=True):
+            whole.chmod(0o644)  # mkstemp's 0600 would hide the map from the other nodes of a robot
+            whole.replace(path)
+    finally:
+        for left in beside:
+            left.unlink(missing_ok=True)
