@@ -82,6 +82,18 @@ def test_a_graded_map_keeps_its_walls_by_thresholds_and_is_told_what_it_loses(fl
     assert "0 < free_below <= occupied_above < 100" in " ".join(run.err.split())
 
 
+def test_a_residual_that_will_be_refused_is_refused_before_vectorizing(fleetmap_command, tmp_path):
+    save_map(OccupancyGrid(np.zeros((5_793, 5_793), np.int8), 0.05), tmp_path / "map.yaml")  # just above 2^25 cells
+    run = fleetmap_command("vectorize", "map.yaml", "-o", "map.fmap", "--residual", "rest.fgrid", cwd=tmp_path)
+    assert run.code == 1
+    assert "rest.fgrid: grid: expected at most 33554432 cells" in run.err
+    assert not (tmp_path / "map.fmap").exists()
+    run = fleetmap_command("vectorize", "map.yaml", "-o", "map.fmap", "--residual", "no/rest.fgrid", cwd=tmp_path)
+    assert run.code == 1
+    assert "there is no folder no" in run.err
+    assert not (tmp_path / "map.fmap").exists()
+
+
 def test_the_papers_method_reports_what_it_breaks_and_writes_the_map_all_the_same(fleetmap_command, map_folder):
     for options, reading in (([], "C"), (["--reading", "B"], "B"), (["--reading", "mended"], "mended")):
         command = ["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", *options]
@@ -168,6 +180,10 @@ def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, comm
         (["vectorize", "map.yaml", "-o", "no/folder/map.fmap"], 1, "no/folder"),
         (["vectorize", "map.yaml", "-o", "map.yaml"], 2, "ends in .fmap"),
         (["vectorize", "map.yaml", "-o", "folder.fmap"], 2, "is a folder"),
+        (["vectorize", "map.yaml", "-o", "/proc/map.fmap"], 1, "no file can be written there"),
+        (["vectorize", "map.yaml", "-o", "a" * 250 + ".fmap"], 1, "no file can be written there"),
+        (["paper", "--out", "/proc/paper"], 1, "no file can be written there"),
+        (["paper", "--out", "map.pgm/paper"], 2, "is a file"),
         (["vectorize", "broken.fmap", "-o", "again.fmap"], 1, "is a vector map"),
         (["vectorize", "map.yaml", "-o", "map.fmap", "--epsilon", "0"], 2, "epsilon"),
         (["vectorize", "map.yaml", "-o", "map.fmap", "--method", "paper", "--specks", "3"], 2, "specks"),

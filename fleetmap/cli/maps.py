@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from fleetmap.model.errors import ConfigError, MapFormatError
@@ -21,6 +22,24 @@ def check_output(path: Path, *suffixes: str) -> None:
         raise ConfigError(option="out", value=str(path), reason="is a folder; expected the name of a file")
     if not path.parent.is_dir():
         raise FileNotFoundError(f"{path}: there is no folder {path.parent}; make it first")
+    _try_writing(path.parent, prefix=f".{path.name}.")
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder of results, there or to be made, before any work is done for it."""
+    there = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise ConfigError(option="out", value=str(path), reason=f"{there} is a file; expected a folder, or a new name")
+    _try_writing(there, prefix=".fleetmap.")
+
+
+def _try_writing(folder: Path, *, prefix: str) -> None:
+    """Make a file and remove it, as results are written: only that tells of all that may stand in the way."""
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=prefix):
+            pass
+    except OSError as error:
+        raise OSError(f"{folder}: no file can be written there: {error.strerror}") from None
 
 
 def read_map_server(path: Path) -> OccupancyGrid:

@@ -30,11 +30,13 @@ def paper(
 
     or the smallest terrains only, and real maps beside them:  fleetmap paper --sizes 10 --maps maps
     """
+    from fleetmap.cli.maps import check_folder
     from fleetmap.model.kernel_cache import kernel_modules
     from fleetmap.model.kernel_compiler import compile_ahead
     from fleetmap.paper import PaperConfig, make_tables, run_paper
 
     config = PaperConfig(out=out, sizes_m=parse_sizes(sizes), maps=maps)
+    check_folder(out)  # all is computed before anything is written
     compile_ahead(kernel_modules())
     with stderr.status("paper") as status:
 

@@ -125,7 +125,7 @@ def vectorize(
                fleetmap vectorize graded.yaml -o map.fmap --free-below 50 --occupied-above 54
     """
     from fleetmap.cli.maps import check_output, read_map_server
-    from fleetmap.codecs.fgrid import save_fgrid
+    from fleetmap.codecs.fgrid import check_size, save_fgrid
     from fleetmap.codecs.fmap import save_fmap
     from fleetmap.model.errors import ConfigError
     from fleetmap.model.kernel_cache import modules_of
@@ -147,6 +147,8 @@ def vectorize(
     if residual is not None:
         check_output(residual, ".fgrid")
     cells = read_map_server(grid).with_thresholds(free_below=free_below, occupied_above=occupied_above)
+    if residual is not None:
+        check_size(cells, residual)
     if by_paper:
         reading = reading or Reading.C
 

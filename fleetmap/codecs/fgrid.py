@@ -42,11 +42,9 @@ def save_fgrid(grid: OccupancyGrid, path: str | Path, *, base: tuple[int, Draw] 
     OSError : the folder can't be written
     MapFormatError : the grid has more cells than the exact layer takes
     """
+    check_size(grid, path)
     warn_of_lost_values(grid, "an .fgrid file")
     states = grid.states_yx()
-    if states.size > MAX_CELLS:
-        reason = f"expected at most {MAX_CELLS} cells; the grid has {states.size}"
-        raise MapFormatError(path=path, field="grid", reason=reason)
     drawn = None if base is None else base[1](grid).states_yx()
     fields = [
         VERSION,
@@ -57,6 +55,18 @@ def save_fgrid(grid: OccupancyGrid, path: str | Path, *, base: tuple[int, Draw] 
         encode_states(states, drawn),
     ]
     write_whole(Path(path), MAGIC + msgpack.packb(fields))
+
+
+def check_size(grid: OccupancyGrid, path: str | Path) -> None:
+    """Refuse a grid that ``save_fgrid`` would refuse.
+
+    Raises
+    ------
+    MapFormatError : it has more cells than the exact layer takes
+    """
+    if grid.cells_yx.size > MAX_CELLS:
+        reason = f"expected at most {MAX_CELLS} cells; the grid has {grid.cells_yx.size}"
+        raise MapFormatError(path=path, field="grid", reason=reason)
 
 
 def load_fgrid(path: str | Path, *, base: tuple[int, Draw] | None = None) -> OccupancyGrid:
