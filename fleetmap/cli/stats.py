@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from fleetmap.accounting.wire import required_bandwidth_kbps
-from fleetmap.cli.output import AsJson, print_json, print_table, stderr
+from fleetmap.cli.output import AsJson, print_json, print_table, progress, stderr
 from fleetmap.model.errors import ConfigError, MapFormatError
 
 
@@ -78,8 +78,8 @@ def stats(
     documents = []
     for path in inputs:
         grid = read_map_server(path)
-        with stderr.status(f"{path}") as status:
-            document = measure_map(path, grid, lambda name, p=path, s=status: s.update(f"{p}: {name}"))  # type: ignore[misc]
+        with progress(str(path)) as tell:
+            document = measure_map(path, grid, tell)
         documents.append(document)
         if not as_json:
             _print_map(document)
