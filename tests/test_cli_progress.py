@@ -4,10 +4,13 @@ import io
 import threading
 import time
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from fleetmap.cli import map_stats, output
+from fleetmap.codecs import context_grid
+from fleetmap.model.grid import OccupancyGrid
 
 
 class Heard(io.StringIO):
@@ -42,6 +45,19 @@ def test_what_is_quick_says_nothing_in_a_pipe(monkeypatch):
     with output.progress("map.yaml") as tell:
         tell("webp")
     assert heard.getvalue() == ""
+
+
+def test_a_map_beyond_one_payload_of_the_exact_layer_has_all_rows(monkeypatch, tmp_path):
+    cells = np.zeros((90, 70), np.int8)
+    cells[20:22, 10:60] = 100
+    grid = OccupancyGrid(cells, 0.05)
+    whole = map_stats.measure_map(tmp_path, grid)
+    monkeypatch.setattr(context_grid, "MAX_CELLS", 1000)
+    told = []
+    split = map_stats.measure_map(tmp_path, grid, told.append)
+    assert set(split["codecs"]) == set(whole["codecs"])
+    assert 0 < split["codecs"]["exact"] < 7 * whole["codecs"]["exact"]
+    assert {"exact", *map_stats.VECTORS} <= set(told)
 
 
 @pytest.mark.parametrize(("takes_s", "runs"), [(0.01, 5), (0.2, 2), (1.0, 2), (4.0, 1), (300.0, 1)])

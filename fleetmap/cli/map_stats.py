@@ -118,7 +118,7 @@ def exact(states_yx: NDArray[np.uint8]) -> tuple[bytes, float, float]:
 
 def own_row(name: str, vector_map: VectorMap, grid: OccupancyGrid) -> Row:
     """A snapshot of a vector map, and how like the grid it is."""
-    from fleetmap.codecs.context_grid import encode_states
+    from fleetmap.codecs.context_grid import encode_states, split
     from fleetmap.codecs.protocol import decode, encode_snapshot
     from fleetmap.model.delta import apply
     from fleetmap.model.metrics import compare
@@ -130,7 +130,8 @@ def own_row(name: str, vector_map: VectorMap, grid: OccupancyGrid) -> Row:
     drawn = rasterize(vector_map, like=grid)
     found = compare(drawn, grid)
     metrics = {metric: float(getattr(found, metric)) for metric in METRICS}
-    same = len(encode_states(drawn.states_yx()))
+    states = drawn.states_yx()
+    same = sum(len(encode_states(states[part])) for part in split(states.shape))
     return Row(name, "vector", len(data), encode_ms, decode_ms, vector_map.epsilon_cells, metrics, same)
 
 
