@@ -9,8 +9,8 @@ leak through a gap as it would in a flood fill. A wall then blocks
 * and, if both its sides are free, half a cell on each side.
 
 Maps of the profiles ``full`` and ``exact`` have occupied faces of their own; in ``full`` half a cell behind each
-surface is occupied, too. At last what no cell's centre lies in is sealed (``model.seal``), but in ``exact``, whose cells
-are what they were.
+surface is occupied, too. At last what no cell's centre lies in is sealed (``model.seal``), but in ``exact``, whose
+cells are what they were.
 """
 
 from __future__ import annotations
