@@ -150,15 +150,15 @@ def test_maps_that_wait_for_the_quota_count() -> None:
 
 
 def test_together_beyond_what_poses_hold_is_refused() -> None:
-    engine = Engine("a", start=fixed(800e3))
-    with pytest.raises(ConfigError, match=r"start and anchor together.*1099512 m"):
-        engine.publish("0", square(), anchor=fixed(800e3))
-    far = VectorMap(Lattice(50_000, fixed(800e3)), square().edges, square().thickness)
-    with pytest.raises(ConfigError, match=r"start, anchor and origin together.*1099512 m"):
+    engine = Engine("a", start=fixed(10e6))
+    with pytest.raises(ConfigError, match=r"start and anchor together.*17592186 m"):
+        engine.publish("0", square(), anchor=fixed(10e6))
+    far = VectorMap(Lattice(50_000, fixed(10e6)), square().edges, square().thickness)
+    with pytest.raises(ConfigError, match=r"start, anchor and origin together.*17592186 m"):
         engine.publish("0", far)
-    assert engine.publish("0", far, anchor=fixed(-800e3))
-    with pytest.raises(ConfigError, match="1099512 m"):
-        engine.set_start(fixed(0.0, -800e3, math.pi / 2))  # turned: the anchor adds 800 km along y
+    assert engine.publish("0", far, anchor=fixed(-10e6))
+    with pytest.raises(ConfigError, match="17592186 m"):
+        engine.set_start(fixed(0.0, -10e6, math.pi / 2))  # turned: the anchor adds 10 000 km along y
 
 
 def test_a_long_map_may_lie_across_its_own_axes() -> None:

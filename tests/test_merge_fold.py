@@ -231,7 +231,7 @@ def test_a_source_that_cannot_be_placed_is_left_out_and_says_why():
     reasons = {frame[0]: reason for frame, reason in merged.left_out}
     assert reasons.keys() == {"torn", "beyond"}
     assert "not closed" in reasons["torn"]
-    assert "1099" in reasons["beyond"]
+    assert "17592186" in reasons["beyond"]
 
 
 def test_a_robot_that_claims_huge_cells_does_not_blur_the_maps_of_others():

@@ -15,7 +15,7 @@ from fleetmap.model.vectormap import VectorMap
 from fleetmap.planners import plan
 
 CELL_UM = 50_000
-FAR_M = [6e3, 50e3, 500e3, -500e3]
+FAR_M = [6e3, 50e3, 500e3, -9e6]
 some = settings(max_examples=60, deadline=None)
 
 
@@ -52,7 +52,7 @@ def test_a_far_fleet_folds_to_the_map_of_a_near_one_moved(far_m):
     assert np.abs(far.edges[:, :4]).max() <= MAX_REACH
     assert far.left_out == ()
     assert np.array_equal(far.edges[:, 4:], near.edges[:, 4:])
-    assert np.abs(far.segments_xy - [far_m, -far_m] - near.segments_xy).max() < 1e-9
+    assert np.abs(far.segments_xy - [far_m, -far_m] - near.segments_xy).max() < 1e-8  # what float64 holds so far away
     assert np.subtract(far.bounds_m(), near.bounds_m()) == pytest.approx([far_m, -far_m] * 2)
     assert verify(fleet(far_m, -far_m), far) == []
     # A map is judged where it lies, and not where its numbers would be without the origin.

@@ -120,17 +120,18 @@ def to_fleet(T_fleet_frame: FixedPose, lattice: Lattice, points_yx: NDArray[np.i
     -----
     The two poses are composed in Python integers, each component rounded once. The fleet steps per cell,
     at most 2000, are then held in Q30: |cos|, |sin| <= 2^41 and |cell| <= 2^20 give
-    |cos x - sin y| <= 2^41 * 2^20.5, and an offset of at most 2^41 um adds 2^58.8: below 2^62. The rounding
-    of the Q30 factor moves a point by at most 2^20 / 2^30 steps, 5 um. The result is below 2^32: so are all numbers
-    from (0, 0) on; after the origin was chosen, and subtracted, they are below 2^21.
+    |cos x - sin y| <= 2^41 * 2^20.5, to which whole steps of the offset are added after the division by 2^30. The
+    rounding of the Q30 factor moves a point by at most 2^20 / 2^30 steps, 5 um. The result is below 2^34: so are all
+    numbers from (0, 0) on; after the origin was chosen, and subtracted, they are below 2^21.
     """
     pose = T_fleet_frame @ lattice.T_frame_lattice
     cos = _round_div(pose.cos_q30 * lattice.resolution_um, FLEET_UM)
     sin = _round_div(pose.sin_q30 * lattice.resolution_um, FLEET_UM)
-    x0 = _round_div(pose.x_um << 30, FLEET_UM) + (1 << 29)
-    y0 = _round_div(pose.y_um << 30, FLEET_UM) + (1 << 29)
+    steps_x, rest_x = divmod(_round_div(pose.x_um << 30, FLEET_UM) + (1 << 29), 1 << 30)
+    steps_y, rest_y = divmod(_round_div(pose.y_um << 30, FLEET_UM) + (1 << 29), 1 << 30)
     y, x = points_yx[:, 0], points_yx[:, 1]
-    return np.column_stack([(sin * x + cos * y + y0) >> 30, (cos * x - sin * y + x0) >> 30])
+    turned_y, turned_x = sin * x + cos * y + rest_y, cos * x - sin * y + rest_x
+    return np.column_stack([(turned_y >> 30) + steps_y, (turned_x >> 30) + steps_x])
 
 
 def directed(

@@ -26,8 +26,8 @@ MAX_CELL_UM = 1_000_000_000
 ORIGIN_UM = 1_024_000_000
 """Origins of merged maps lie on whole multiples of 1024 m: 204800 steps, and whole cells of most resolutions."""
 
-MAX_ORIGIN_UM = ORIGIN_UM << 14
-"""Farthest origin along one axis (16777 km): beyond all that poses and vector maps can name."""
+MAX_ORIGIN_UM = ORIGIN_UM << 15
+"""Farthest origin along one axis (33554 km): beyond all that poses and vector maps can name."""
 
 MAX_FLEET_COORDINATE = 1 << 21
 """No |coordinate| of a merged map is larger, in lattice steps from its origin (10.5 km)."""

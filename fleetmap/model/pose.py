@@ -12,8 +12,8 @@ from fleetmap.model.checks import as_number
 from fleetmap.model.errors import ConfigError
 
 Q30 = 1 << 30
-MAX_UM = 1 << 40
-"""Largest offset of a ``FixedPose`` along one axis, micrometres (about 1100 km)."""
+MAX_UM = 1 << 44
+"""Largest offset of a ``FixedPose`` along one axis, micrometres: 17592 km, so that UTM coordinates are within."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class FixedPose:
     def __post_init__(self) -> None:
         if max(abs(self.x_um), abs(self.y_um)) > MAX_UM:
             place_m = self.x_um / 1e6, self.y_um / 1e6
-            reason = f"expected x and y of at most {MAX_UM / 1e6:.0f} m: poses travel as whole micrometres up to 2^40"
+            reason = f"expected x and y of at most {MAX_UM / 1e6:.0f} m: poses travel as whole micrometres up to 2^44"
             raise ConfigError(option="pose", value=place_m, reason=reason)
         # A rotation that is off by more than rounding would scale the map.
         if abs(self.cos_q30**2 + self.sin_q30**2 - Q30**2) > Q30 << 3:

@@ -38,7 +38,7 @@ def join(
     robot : own name, 1 to 64 of A-Z a-z 0-9 _ . -; unique among the living peers of the fleet
     fleet : robots of one fleet share their maps
     level : storey; frames of different levels are never merged
-    start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 1099 km from its origin; None if that
+    start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
         is unknown. Whether the maps of the others are near is checked when this robot publishes
     connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
     profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone

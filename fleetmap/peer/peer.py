@@ -241,8 +241,8 @@ class Peer:
 
         Raises
         ------
-        ConfigError : it is more than 1099 km from the origin, or the own maps would extend farther than 5243 m together
-            with another map of the component
+        ConfigError : it is more than 17592 km from the origin, or the own maps would extend farther than 5243 m
+            together with another map of the component
         """
         self._check()
         await self._run(self._engine.set_start, _fixed("start", start))
