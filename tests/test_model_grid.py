@@ -371,11 +371,11 @@ def test_vector_maps_and_merged_maps_take_whole_numbers_that_fit():
             MergedMap(np.array(edges))
 
 
-@pytest.mark.parametrize("resolution_m", [0, 0.0525, 0.001, -0.05, "0.05", True, np.nan])
+@pytest.mark.parametrize("resolution_m", [0, 0.0526, 0.001, 2000, -0.05, "0.05", True, np.nan])
 def test_a_merged_map_is_drawn_in_the_cells_that_were_asked_for_or_not_at_all(resolution_m):
-    with pytest.raises(MapFormatError, match=r"whole multiples of 0\.005 m"):
+    with pytest.raises(MapFormatError, match=r"a whole multiple of 0\.0005 m"):
         MergedMap(np.zeros((0, 8), np.int32)).to_grid(resolution_m)
-    for good in (0.005, 0.05, np.float32(0.05), 0.25, 1):
+    for good in (0.005, 0.0125, 0.05, 0.0525, np.float32(0.05), 0.25, 1):
         assert MergedMap(np.zeros((0, 8), np.int32)).to_grid(good).resolution_m == pytest.approx(float(good))
 
 

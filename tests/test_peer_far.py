@@ -94,7 +94,7 @@ async def test_a_start_too_far_from_the_fleet_is_refused() -> None:
         assert b.T_fleet_robot is None
         await b.set_start(Pose2(500e3 + 3.0))
         assert len(await b.refresh()) == 8
-    with pytest.raises(ConfigError, match="17592186 m"):
+    with pytest.raises(ConfigError, match=r"1759218[56] m"):
         fleetmap.join("c", start=Pose2(2e7), link=hub.link("c"))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.merge.arrange import BAND_SHIFT, Arrangement, bands
+from fleetmap.merge.bridge import bridges
 from fleetmap.model.lattice import FREE, OCCUPIED
 
 
@@ -25,8 +26,7 @@ def select(
     the same wall, a few cells farther, as noise and simplification have it. So a wall that doesn't bound the
     united free space goes if all of it lies within reach of walls that face the same way and stay: those
     that bound free space, and those that sources before it saw. A thin wall's two faces never explain each
-    other, for they face opposite ways. And beyond the tip of a wall nothing explains: where two sights of a thin wall
-    cross, they are one up to the crossing, and side by side beyond it, where one of them must stay.
+    other, for they face opposite ways. And what closes a hole stays (``bridge``).
 
     Where the other robot saw only that space ends there, its frontier takes the wall's place: nobody has
     seen free space beyond it, and a frontier just behind a wall would send robots there.
@@ -40,13 +40,14 @@ def select(
     # 1. Frontiers close behind walls that bound nothing are those walls.
     inner = wall & ~bounds
     behind = bounds & ~wall
-    behind &= _second_sights(a, faces, np.where(inner, -1, 0), inner | behind, reach_cells, tips=False)
+    behind &= _second_sights(a, faces, np.where(inner, -1, 0), inner | behind, reach_cells)
     wall |= behind
     left = np.where(behind & (left != FREE), OCCUPIED, left)
     right = np.where(behind & (right != FREE), OCCUPIED, right)
 
     # 2. Walls that bound nothing go where others explain them.
-    gone = _second_sights(a, faces, np.where(bounds, -1, a.rank), wall, reach_cells, tips=True)
+    gone = _second_sights(a, faces, np.where(bounds, -1, a.rank), wall, reach_cells)
+    gone &= ~bridges(a.ends, a.cell, (bounds | wall) & ~gone, gone)
 
     rows = np.column_stack([a.ends, left, right, wall, np.where(wall, a.thickness, 0)])
     return np.asarray(rows[(bounds | wall) & ~gone])
@@ -58,13 +59,10 @@ def _second_sights(
     rank: NDArray[np.int64],
     among: NDArray[np.bool_],
     reach_cells: int,
-    *,
-    tips: bool,
 ) -> NDArray[np.bool_]:
     """Which pieces lie within reach of pieces of lower rank that stay and face the same way; (n,) bool.
 
-    Only pieces ``among`` take part; those of rank -1 always stay. With ``tips``, a wall explains nothing beyond
-    its tip.
+    Only pieces ``among`` take part; those of rank -1 always stay.
     """
     from fleetmap.merge.select_kernels import explained
 
@@ -75,5 +73,5 @@ def _second_sights(
         start, items, low = bands(ends)
         order = np.argsort(rank, kind="stable")
         cell, facing = a.cell[part], faces[part]
-        out[part] = explained(ends, facing, rank, cell, order, start, items, low, BAND_SHIFT, reach_cells, tips)
+        out[part] = explained(ends, facing, rank, cell, order, start, items, low, BAND_SHIFT, reach_cells)
     return out

@@ -16,9 +16,6 @@ from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
 
-LOOSE_STEPS = 2
-"""How far beyond the end of a wall another one still counts as explained: what rounding to the lattice takes."""
-
 pair_cell = kernel("int64(int64, int64)")(place.pair_cell)
 
 
@@ -38,77 +35,9 @@ def within(py: int, px: int, ay: int, ax: int, by: int, bx: int, reach: int) -> 
     return cross <= reach * (abs(dx) + abs(dy)) and cross * cross <= reach * reach * length2
 
 
-@kernel(
-    "boolean(int64, int64, int64, int64, int64[:, ::1], int64[::1], boolean[::1], int64[::1], int64[::1], int64,"
-    " int64)",
-)
-def beyond_tip(
-    py: int,
-    px: int,
-    j: int,
-    rank_below: int,
-    ends: Ints,
-    rank: Ints,
-    gone: NDArray[np.bool_],
-    start: Ints,
-    items: Ints,
-    low: int,
-    shift: int,
-) -> bool:
-    """Whether what is nearest to p on wall j is an end at which the wall turns back, or simply ends.
-
-    Beside a corner walls go on, and cover what is there. But beyond the tip of a thin wall is a hole, if whoever
-    saw the wall there goes. Only walls that stay, of a rank below the given one, are looked at.
-    """
-    ay, ax, by, bx = ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3]
-    dy, dx = by - ay, bx - ax
-    along, length2 = dx * (px - ax) + dy * (py - ay), dy * dy + dx * dx
-    if 0 < along < length2:
-        return False
-    ey, ex = (ay, ax) if along <= 0 else (by, bx)
-    if along <= 0:
-        dy, dx = -dy, -dx
-    if abs(py - ey) <= LOOSE_STEPS and abs(px - ex) <= LOOSE_STEPS:
-        return False
-    b = (ey - low) >> shift
-    for m in range(start[b], start[b + 1]):
-        k = items[m]
-        cy, cx, fy, fx = ends[k, 0], ends[k, 1], ends[k, 2], ends[k, 3]
-        if min(cx, fx) > ex:
-            break
-        if k == j or gone[k] or rank[k] >= rank_below:
-            continue
-        if cy == ey and cx == ex:
-            gy, gx = fy - cy, fx - cx
-        elif fy == ey and fx == ex:
-            gy, gx = cy - fy, cx - fx
-        else:
-            continue
-        # It goes on, turning by less than 135 degrees.
-        if dy * gy + dx * gx > -abs(dx * gy - dy * gx):
-            return False
-    return True
-
-
-@kernel(
-    "boolean(int64[:, ::1], int64[::1], int64[::1], int64, int64, boolean, int64[::1], boolean[::1], int64[::1],"
-    " int64[::1], int64, int64)",
-)
-def covered(
-    ends: Ints,
-    near: Ints,
-    reach: Ints,
-    n_near: int,
-    i: int,
-    tips: bool,
-    rank: Ints,
-    gone: NDArray[np.bool_],
-    start: Ints,
-    items: Ints,
-    low: int,
-    shift: int,
-) -> bool:
-    """Whether edge i lies within ``reach[k]`` of the edges ``near[k]``, k < n_near, and not beyond their ``tips``.
+@kernel("boolean(int64[:, ::1], int64[::1], int64[::1], int64, int64)")
+def covered(ends: Ints, near: Ints, reach: Ints, n_near: int, i: int) -> bool:
+    """Whether edge i lies within ``reach[k]`` of the edges ``near[k]``, k < n_near.
 
     Tested at points at most ``spacing`` apart, rounded to the lattice; what the spacing and the rounding may
     hide is taken off the reach.
@@ -122,12 +51,9 @@ def covered(
         found = False
         for m in range(n_near):
             j = near[m]
-            if not within(py, px, ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3], reach[m] - spacing // 2 - 1):
-                continue
-            if tips and beyond_tip(py, px, j, rank[i], ends, rank, gone, start, items, low, shift):
-                continue
-            found = True
-            break
+            if within(py, px, ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3], reach[m] - spacing // 2 - 1):
+                found = True
+                break
         if not found:
             return False
     return True
@@ -135,7 +61,7 @@ def covered(
 
 @kernel(
     "boolean[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64,"
-    " int64, int64, boolean)",
+    " int64, int64)",
 )
 def explained(
     ends: Ints,
@@ -148,14 +74,12 @@ def explained(
     low: int,
     shift: int,
     reach_cells: int,
-    tips: bool,
 ) -> NDArray[np.bool_]:
     """Which walls lie within reach of walls that stay, have a lower rank and face the same way.
 
     The reach of two walls is ``reach_cells`` cells, see ``pair_cell``. ``faces``: bit 0, the wall is seen from
     its left; bit 1, from its right. A wall seen from both must be explained on both. ``order`` visits the walls
-    by ascending rank, so that only what stays explains. With ``tips``, nothing is explained by a wall that it lies
-    beyond the tip of.
+    by ascending rank, so that only what stays explains.
     """
     gone = np.zeros(len(ends), np.bool_)
     near = np.empty(len(ends), np.int64)
@@ -192,7 +116,7 @@ def explained(
                         near[n] = j
                         near_reach[n] = reach_cells * pair_cell(cell[i], cell[j])
                         n += 1
-            if not covered(ends, near, near_reach, n, i, tips, rank, gone, start, items, low, shift):
+            if not covered(ends, near, near_reach, n, i):
                 known = False
                 break
         gone[i] = known
