@@ -541,3 +541,13 @@ def test_every_real_map_loads_and_only_the_depot_is_warned_of() -> None:
             without_unknown.append(path.parent.name)
     assert warned == ["nav2_depot"]
     assert without_unknown == ["nav2_depot"]
+
+
+def test_thresholds_that_no_file_can_hold_are_told(tmp_path):
+    cells = np.array([[-1, 0, 30, 50, 60, 100]], np.int8)
+    grid = OccupancyGrid(cells, 0.05, free_below=40, occupied_above=55)
+    with pytest.warns(MapWarning, match=r"free_below=40 and occupied_above=55: 2 cells"):
+        save_map(grid, tmp_path / "map.yaml")
+    assert np.array_equal(load_map(tmp_path / "map.yaml").cells_yx, cells)
+    with pytest.raises(ConfigError, match="yaml_path"):
+        load_map(None)

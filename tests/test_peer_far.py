@@ -135,3 +135,12 @@ async def test_a_vector_map_that_is_not_closed_is_refused() -> None:
         with pytest.raises(MapFormatError, match="not closed"):
             await a.publish(torn)
         assert await a.publish(whole)
+
+
+async def test_a_map_that_jumps_far_away_starts_anew_and_takes_no_memory_for_what_lies_between() -> None:
+    hub = MemoryHub(LoopClock())
+    async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
+        for far_m in (0.0, 3500.0, 60e3, 0.0):
+            assert await a.publish(grid(far_m, far_m))
+            merged = await a.refresh()
+            assert merged.bounds_m() == pytest.approx((far_m + 0.5, far_m + 0.5, far_m + 2.5, far_m + 1.9), abs=0.2)

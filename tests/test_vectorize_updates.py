@@ -202,3 +202,15 @@ def test_a_grid_seen_again_at_moderate_phases_keeps_nearly_all_of_its_edges(prof
         last = vector_map
     assert verify(grid, last, specks=vectorizer.specks).violations == ()
     assert np.median(changed[1:]) <= 0.05
+
+
+def test_a_grid_far_from_those_before_asks_for_a_new_epoch_and_changes_nothing():
+    states = np.full((20, 20), OCCUPIED, np.uint8)
+    states[2:-2, 2:-2] = FREE
+    vectorizer = Vectorizer()
+    first = vectorizer.update(OccupancyGrid.from_states(states, 0.05))
+    with pytest.raises(ConfigError, match="start a new epoch"):
+        vectorizer.update(OccupancyGrid.from_states(states, 0.05, Pose2(1000.0, 1000.0)))
+    assert vectorizer.update(OccupancyGrid.from_states(states, 0.05)) is first
+    moved = vectorizer.update(OccupancyGrid.from_states(states, 0.05, Pose2(1000.0, 0.0)))  # beside it: a strip
+    assert diff(first, moved).added.shape == first.edges.shape

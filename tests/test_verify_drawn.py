@@ -7,9 +7,11 @@ import pytest
 from rooms import KINDS, is_shut, make_room, take_cells
 
 from fleetmap.merge import fold
+from fleetmap.merge.protocol import Source
 from fleetmap.merge.verify import verify as verify_merged
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
+from fleetmap.model.pose import FixedPose
 from fleetmap.vectorize import rasterize, vectorize, verify
 
 
@@ -48,6 +50,18 @@ def test_the_same_for_merged_maps(kind):
             assert any(v.law == "drawn" for v in verify_merged(sources, merged, drawn=drawn)) == opened
             told[opened] += 1
     assert min(told.values()) > 1
+
+
+@pytest.mark.parametrize("resolution_m", [0.0125, 0.033, 0.0375, 0.0525])
+def test_sound_maps_are_sound_at_every_resolution(resolution_m):
+    """Of the source, and of what is drawn."""
+    room = make_room(np.random.default_rng(0), "slanting", robots=1)
+    sources = room.sources()
+    merged = fold(sources)
+    assert verify_merged(sources, merged, drawn=merged.to_grid(resolution_m)) == []
+    coarse = OccupancyGrid(room.grids[0].cells_yx, resolution_m)
+    sources = [Source(("a", 1, "0"), FixedPose(), vectorize(coarse))]
+    assert verify_merged(sources, fold(sources)) == []
 
 
 def test_an_opening_is_told_where_it_is():

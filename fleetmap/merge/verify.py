@@ -15,7 +15,7 @@ import numpy as np
 from fleetmap.merge.protocol import Source
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import OCCUPIED
-from fleetmap.model.mergedmap import FLEET_UM, LEFT, RIGHT, THICKNESS, X1, MergedMap
+from fleetmap.model.mergedmap import FLEET_UM, GRID_UM, LEFT, RIGHT, THICKNESS, X1, MergedMap
 from fleetmap.verify import find_openings
 
 if TYPE_CHECKING:
@@ -91,18 +91,21 @@ def verify(
 def _check_drawn(merged: MergedMap, drawn: OccupancyGrid) -> Iterator[Found]:
     """Places (law, y, x, reason), in lattice steps, where the drawn grid opens a wall."""
     rows = merged.edges.astype(np.int64)
+    # In the unit in which cells are whole numbers, whatever their size.
+    fine = FLEET_UM // GRID_UM
+    rows[:, [*range(X1 + 1), THICKNESS]] *= fine
     origin_x, origin_y = merged.origin_um
     places = find_openings(
         rows[:, : X1 + 1],
         rows[:, LEFT],
         rows[:, RIGHT],
         np.where(merged.obstacle, rows[:, THICKNESS], -1),
-        cell=round(drawn.resolution_m * 1e6 / FLEET_UM),
+        cell=round(drawn.resolution_m * 1e6 / GRID_UM),
         origin_yx=(
-            round((drawn.origin.y_m * 1e6 - origin_y) / FLEET_UM),
-            round((drawn.origin.x_m * 1e6 - origin_x) / FLEET_UM),
+            round((drawn.origin.y_m * 1e6 - origin_y) / GRID_UM),
+            round((drawn.origin.x_m * 1e6 - origin_x) / GRID_UM),
         ),
         blocked=drawn.states_yx() == OCCUPIED,
     )
-    for y, x in places.tolist():
+    for y, x in (places / fine).tolist():
         yield "drawn", y, x, "the drawn grid lets a path through the wall"

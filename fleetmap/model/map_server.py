@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fleetmap.model.checks import check_type
 from fleetmap.model.errors import ConfigError, MapFormatError, MapWarning
-from fleetmap.model.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD, OccupancyGrid
+from fleetmap.model.grid import FREE_BELOW, FREE_THRESHOLD, OCCUPIED_ABOVE, OCCUPIED_THRESHOLD, OccupancyGrid
 from fleetmap.model.map_image import Brightness, read_brightness
 from fleetmap.model.pose import Pose2
 
@@ -58,6 +58,8 @@ def load_map(yaml_path: str | os.PathLike[str]) -> OccupancyGrid:
     ------
     MapFormatError : names the file and the field; raised before memory is taken for the cells
     """
+    if not isinstance(yaml_path, str | os.PathLike):
+        raise ConfigError(option="yaml_path", value=yaml_path, reason="expected the name of a map_server YAML file")
     header = read_header(Path(yaml_path))
     image = read_brightness(header.image)
     cells = _cells(image, header)
@@ -111,6 +113,16 @@ def save_map(grid: OccupancyGrid, yaml_path: str | os.PathLike[str], *, image: L
     if image_path == path:
         raise ConfigError(option="yaml_path", value=str(path), reason="has the name of the image; expected .yaml")
 
+    if (grid.free_below, grid.occupied_above) != (FREE_BELOW, OCCUPIED_ABOVE):
+        as_read = OccupancyGrid(grid.cells_yx, grid.resolution_m, grid.origin)
+        changed = int(np.count_nonzero(as_read.states_yx() != grid.states_yx()))
+        if changed:
+            warnings.warn(
+                f"{path}: the file has no place for free_below={grid.free_below:g} and occupied_above="
+                f"{grid.occupied_above:g}: {changed} cells are read in another state, unless these are given again",
+                MapWarning,
+                stacklevel=2,
+            )
     cells = grid.cells_yx[::-1]
     trinary = not ((cells > 0) & (cells < 100)).any()
     greys = np.arange(256).astype(np.uint8)

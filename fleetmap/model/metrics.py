@@ -119,7 +119,8 @@ def _correlation(pairs: NDArray[np.int64], value: NDArray[np.float64]) -> float:
     if variance == 0 or _one_value(counts_a, value) or _one_value(counts_b, value):
         differ = value[:, None] != value[None, :]
         return 0.0 if pairs[differ].any() else 100.0
-    return float(100 * ((value - mean_a) @ pairs @ (value - mean_b)) / math.sqrt(variance))
+    coefficient = float((value - mean_a) @ pairs @ (value - mean_b)) / math.sqrt(variance)
+    return 100 * min(1.0, max(-1.0, coefficient))  # rounding
 
 
 def _one_value(counts: NDArray[np.int64], value: NDArray[np.float64]) -> bool:

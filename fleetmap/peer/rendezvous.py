@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import socket
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -93,8 +94,8 @@ def is_free(host: str, port: int) -> bool:
     with _socket(host) as probe:
         try:
             probe.bind((host.strip("[]"), port))
-        except OSError:
-            return False
+        except OSError as error:
+            return error.errno != errno.EADDRINUSE
         return True
 
 

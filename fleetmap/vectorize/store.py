@@ -52,6 +52,13 @@ class Store:
         self.links: NDArray[np.int32] = np.zeros((8 * room, 2), np.int32)
         self.free_links: NDArray[np.int64] = np.array([-1, 0], np.int64)
 
+    def cells_to_cover(self, low_yx: tuple[int, int], high_yx: tuple[int, int]) -> int:
+        """How many cells the arrays would have with room for these, too."""
+        height, width = self.states.shape
+        rows = max(high_yx[0], self.low_yx[0] + height) - min(low_yx[0], self.low_yx[0])
+        columns = max(high_yx[1], self.low_yx[1] + width) - min(low_yx[1], self.low_yx[1])
+        return int(rows * columns)
+
     def cover(self, low_yx: tuple[int, int], high_yx: tuple[int, int]) -> None:
         """Make room for more cells; what is stored stays."""
         from fleetmap.vectorize.index_kernels import BUCKET

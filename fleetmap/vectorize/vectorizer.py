@@ -28,6 +28,10 @@ EXACT_EPSILON2 = 63
 
 PROFILES = ("share", "full", "exact")
 
+MAX_STORED_CELLS = 1 << 26
+"""What all grids of one epoch may span, with all that lies between them, before a new one is asked for: some 500 MB. A
+grid that has half as many cells by itself may span more."""
+
 
 class Vectorizer:
     """Turns the successive grids of one map frame into vector maps on one lattice.
@@ -189,6 +193,13 @@ class Vectorizer:
             arcs = self._fresh
             store.remember(arcs, np.repeat(arcs.thickness, np.diff(arcs.offsets)))
             self._fresh = None
+        between = store.cells_to_cover(extent[:2], extent[2:])
+        if between > max(MAX_STORED_CELLS, 2 * grid.height * grid.width):
+            raise ConfigError(
+                option="origin",
+                value=grid.origin,
+                reason=f"so far from the grids before that all between them takes {between} cells: start a new epoch",
+            )
         store.cover(extent[:2], extent[2:])
         old = self._extent
         window = (min(old[0], extent[0]), min(old[1], extent[1]), max(old[2], extent[2]), max(old[3], extent[3]))
