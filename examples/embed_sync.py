@@ -23,7 +23,7 @@ def main(robot: str, fleet: str, connect: str, map_yaml: str | None) -> None:
         x0, y0, x1, y1 = merged.bounds_m()
         try:
             path = peer.plan((x0 + 1.0, y0 + 1.0), (x1 - 1.0, y1 - 1.0), radius_m=0.2)
-            print(f"corner to corner: {path.length_m:.1f} m, at least {path.clearance_m:.2f} m from every wall")
+            print(f"corner to corner: {path.length_m:.1f} m, {path.clearance_m:.2f} m from the map's walls at least")
         except fleetmap.NoPath as error:
             print(f"corner to corner: {error.status}")
 

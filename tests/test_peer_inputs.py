@@ -12,7 +12,7 @@ import pytest
 from conftest import two_rooms
 
 import fleetmap
-from fleetmap.model.errors import ConfigError, MapWarning
+from fleetmap.model.errors import ConfigError, MapWarning, NoPath
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
@@ -223,3 +223,33 @@ def test_the_rooms_that_the_readme_names_are_there_without_an_import():
     code = "import fleetmap; print(fleetmap.sync.join.__module__, fleetmap.vectorize.verify.__module__)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["fleetmap.sync", "fleetmap.vectorize.verify"]
+
+
+async def test_a_path_on_a_map_that_is_not_merged_yet_says_what_to_do():
+    states = np.full((60, 60), 100, np.int8)
+    states[5:-5, 5:-5] = 0
+    link = MemoryHub(LoopClock()).link("a")
+    async with fleetmap.join("a", start=Pose2(), link=link, fold_interval_s=1e3) as peer:
+        changes = peer.changes()
+        next_change = asyncio.ensure_future(anext(changes))
+        await peer.publish(OccupancyGrid(np.where(states == 0, -1, states), 0.05))
+        await next_change  # now it rests for the interval
+        await changes.aclose()
+        await peer.publish(OccupancyGrid(states, 0.05))
+        with pytest.raises(NoPath, match=r"call refresh\(\), and plan again"):
+            peer.plan((0.5, 0.5), (2.0, 2.0), radius_m=0.1)
+        await peer.refresh()
+        assert peer.plan((0.5, 0.5), (2.0, 2.0), radius_m=0.1).length_m > 2
+        with pytest.raises(NoPath) as refused:
+            peer.plan((0.5, 0.5), (9.0, 9.0), radius_m=0.1)
+        assert "refresh" not in str(refused.value)
+
+
+async def test_a_map_that_turns_graded_later_is_warned_of_too():
+    mask = np.zeros((40, 40), np.uint8)
+    mask[10:30, 20] = 1
+    async with fleetmap.join("a", link=MemoryHub(LoopClock()).link("a")) as peer:
+        await peer.publish(OccupancyGrid(mask.astype(bool), 0.05))
+        with pytest.warns(MapWarning, match="a mask of walls is an array of bools"):
+            await peer.publish(OccupancyGrid(mask, 0.05))
+        await peer.publish(OccupancyGrid(mask, 0.05))  # once: another warning would be an error

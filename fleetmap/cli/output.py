@@ -111,7 +111,7 @@ def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
         table.add_row(*row)
     console = Console()
     if not console.is_terminal:  # a pipe has no width: never cut a number
-        console = Console(width=max(120, console.measure(table).maximum + 2))
+        console = Console(width=max(120, Console(width=10_000).measure(table).maximum + 2))
     console.print(escape(title), style="bold", soft_wrap=True, highlight=False)
     console.print(table)
 

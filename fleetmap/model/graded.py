@@ -39,10 +39,10 @@ def warn_of_thresholds(grid: OccupancyGrid, *, stacklevel: int = 2) -> bool:
 
     Returns
     -------
-    bool : False if the grid has too few known cells to tell
+    bool : whether it warned; of a grid with too few known cells nothing can be told
     """
     if not is_graded(grid):
-        return int(np.count_nonzero(grid.cells_yx >= 0)) >= FEWEST_KNOWN_CELLS
+        return False
     counts = count_values(grid)
     known = int(counts.sum())
     if known < FEWEST_KNOWN_CELLS:
@@ -60,7 +60,8 @@ def warn_of_thresholds(grid: OccupancyGrid, *, stacklevel: int = 2) -> bool:
             MapWarning,
             stacklevel=stacklevel + 1,
         )
-    return True
+        return True
+    return False
 
 
 def warn_of_lost_values(grid: OccupancyGrid, keeper: str, *, stacklevel: int = 2) -> bool:

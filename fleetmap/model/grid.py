@@ -125,8 +125,9 @@ class OccupancyGrid:
 
     def _put_thresholds(self, free_below: float, occupied_above: float) -> None:
         free, occupied = as_number(free_below), as_number(occupied_above)
-        if free is None or occupied is None or not 0 < free <= occupied < 100:
-            reason = "expected per cents, 0 < free_below <= occupied_above < 100"
+        # Of per cents none is so low: a share was meant, under which all cells but 0 would be obstacles.
+        if free is None or occupied is None or not 0 < free <= occupied < 100 or occupied < 1:
+            reason = "expected per cents, 0 < free_below <= occupied_above < 100 (52, not 0.52)"
             raise ConfigError(option="free_below, occupied_above", value=(free_below, occupied_above), reason=reason)
         self._put("free_below", free)
         self._put("occupied_above", occupied)

@@ -379,7 +379,7 @@ class Peer:
         margin_m: float = 0.0,
         frame: str = "robot",
     ) -> Path:
-        """A path on ``merged`` for a disc of that radius.
+        """A path on ``merged`` for a disc of that radius; ``refresh`` brings that up to date.
 
         Parameters
         ----------
@@ -399,9 +399,15 @@ class Peer:
                 status="outside",
                 reason="nothing has been merged yet: call refresh(), or wait for changes(), and plan then",
             )
-        return plan_in_frame(
-            self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
-        )
+        try:
+            return plan_in_frame(
+                self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
+            )
+        except NoPath as error:
+            if view(self._engine).revisions == self._folder.revisions:
+                raise
+            reason = f"{error.reason}; maps have changed since these were merged: call refresh(), and plan again"
+            raise NoPath(status=error.status, reason=reason) from None
 
     # How it works
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 
@@ -76,7 +77,8 @@ class ZenohLink:
             return await asyncio.to_thread(self._open, receiver)
         except zenoh.ZError as error:
             await self.close()
-            raise LinkError(endpoint=self._endpoint, reason=str(error)) from None
+            # Without the place in Zenoh's source.
+            raise LinkError(endpoint=self._endpoint, reason=re.sub(r" at /\S+", "", str(error))) from None
 
     async def declare_alive(self, epoch: int, instance: str) -> None:
         """Show the own token, instead of the one before."""

@@ -65,10 +65,12 @@ def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHI
 
 
 def _keep_world(config: SimConfig) -> None:
-    """Refuse a run folder in which ``map.yaml`` and its image would replace the world's map."""
+    """Refuse a run folder that is none, or in which ``map.yaml`` and its image would replace the world's map."""
     world = Path(config.world)
     if world.is_file() and world.resolve().parent == config.out.resolve():
         raise ConfigError(option="out", value=str(config.out), reason="holds the world's map; expected another folder")
+    if config.out.exists() and not config.out.is_dir():
+        raise ConfigError(option="out", value=str(config.out), reason="is a file; expected a folder, or a new name")
 
 
 def name_fleet(config: SimConfig, meeting: Meeting) -> str:
