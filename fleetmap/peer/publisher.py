@@ -83,7 +83,7 @@ class GridPublisher:
             try:
                 return before.update(grid)
             except ConfigError:  # another resolution or rotation: the submap starts anew on another lattice
-                vectorizer.judged = before.judged  # a submap is warned of once
+                vectorizer.warned = before.warned  # a submap is warned of once
         self._vectorizers[submap] = vectorizer
         return vectorizer.update(grid)
 

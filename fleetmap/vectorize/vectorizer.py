@@ -95,8 +95,8 @@ class Vectorizer:
                 check_number(option, value, expected="per cent, between 0 and 100", fits=lambda v: 0 < v < 100)
         self.free_below, self.occupied_above = free_below, occupied_above
         self._told = False
-        self.judged = False
-        """Whether a grid was large enough to tell if the thresholds suit it; a warning comes once."""
+        self.warned = False
+        """Whether a grid was found whose thresholds don't suit it, and told: a warning comes once."""
         self.lattice: Lattice | None = None
         self.dropped_specks = 0
         """Specks that the last update filled where it looked, and their cells:"""
@@ -151,8 +151,8 @@ class Vectorizer:
             changed_window = _checked_window(changed_window, grid)
             if grid.limits != self._limits:  # other thresholds change cells everywhere
                 changed_window = None
-        if not self.judged:
-            self.judged = warn_of_thresholds(grid)
+        if not self.warned:
+            self.warned = warn_of_thresholds(grid)
         if self.profile == "exact" and not self._told:
             self._told = warn_of_lost_values(grid, "the profile exact")
         if self._map is None:
