@@ -90,6 +90,20 @@ def test_a_dent_in_a_wall_that_is_still_closed_is_no_opening():
     assert not verify(grid, vector_map, drawn=OccupancyGrid.from_states(dented, 0.05)).valid
 
 
+def test_an_opening_behind_a_thousand_dents_is_found():
+    states = np.full((12, 1300), FREE, np.uint8)
+    states[5:7] = OCCUPIED
+    grid = OccupancyGrid.from_states(states, 0.05)
+    vector_map = vectorize(grid)
+    dented = states.copy()
+    dented[5, :1200] = FREE
+    dented[6, 1200:] = FREE
+    dented[5, 1250] = FREE
+    report = verify(grid, vector_map, drawn=OccupancyGrid.from_states(dented, 0.05))
+    assert {v.kind for v in report.violations} == {"opened"}
+    assert all(abs(v.place_xy_m[0] - 1250.5 * 0.05) < 8 * 0.05 for v in report.violations)
+
+
 def test_a_wall_may_lose_its_last_cell():
     """Around its end one gets anyway; only the vectors hold where exactly it ends."""
     states = np.full((40, 40), FREE, np.uint8)

@@ -23,7 +23,7 @@ NEIGHBOURHOOD = 6
 """Cells on each side of an opening that are looked at."""
 
 MOST = 1000
-"""Places that are looked into; a grid with more steps across walls is told to be open at these."""
+"""Openings that are told; of a grid with more of them these are enough."""
 
 
 def find_openings(
@@ -77,17 +77,19 @@ def find_openings(
     open_steps[0, :-1] &= looked_at[:-1] & looked_at[1:]
     open_steps[1, :, :-1] &= looked_at[:, :-1] & looked_at[:, 1:]
     walls, depth = doubled[depth >= 0], 2 * np.maximum(depth[depth >= 0], cell)
-    places = []
-    for axis, row, column in np.argwhere(open_steps)[:MOST].tolist():
+    places: list[tuple[float, float]] = []
+    for axis, i, j in np.argwhere(open_steps).tolist():
+        if len(places) == MOST:
+            break
         near = (
-            slice(row - NEIGHBOURHOOD, row + NEIGHBOURHOOD + 2),
-            slice(column - NEIGHBOURHOOD, column + NEIGHBOURHOOD + 2),
+            slice(i - NEIGHBOURHOOD, i + NEIGHBOURHOOD + 2),
+            slice(j - NEIGHBOURHOOD, j + NEIGHBOURHOOD + 2),
         )
-        here = (row - near[0].start, column - near[1].start)
+        here = (i - near[0].start, j - near[1].start)
         corner = (2 * cell * near[0].start, 2 * cell * near[1].start)
         counts = free[near] | _rim_beyond(walls, depth, 2 * cell, corner, free[near].shape)
         if _joins(~blocked[near], crossed[(slice(None), *near)], counts, here):
-            y, x = row + (1.0 if axis == 0 else 0.5), column + (1.0 if axis == 1 else 0.5)
+            y, x = i + (1.0 if axis == 0 else 0.5), j + (1.0 if axis == 1 else 0.5)
             places.append((y * cell + corner_yx[0], x * cell + corner_yx[1]))
     return np.array(places, np.float64).reshape(-1, 2)
 
