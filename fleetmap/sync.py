@@ -22,6 +22,7 @@ from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
 from fleetmap.peer import join as join_async
+from fleetmap.peer.health import Problem
 from fleetmap.peer.link import Link
 
 if TYPE_CHECKING:
@@ -76,13 +77,19 @@ class SyncPeer:
         *,
         submap: str = "0",
         anchor: Pose2 | None = None,
+        supersedes: bool = False,
         free_below: float | None = None,
         occupied_above: float | None = None,
     ) -> bool:
         """Share a map; False if nothing changed."""
         return self._run(
             self._peer.publish(
-                source, submap=submap, anchor=anchor, free_below=free_below, occupied_above=occupied_above
+                source,
+                submap=submap,
+                anchor=anchor,
+                supersedes=supersedes,
+                free_below=free_below,
+                occupied_above=occupied_above,
             )
         )
 
@@ -98,9 +105,9 @@ class SyncPeer:
         """Announce where the own map frame lies in the fleet's."""
         self._run(self._peer.set_start(start))
 
-    def forget(self, robot: str) -> None:
-        """Drop what an absent robot has said, here and at every peer."""
-        self._run(self._peer.forget(robot))
+    def forget(self, robot: str, *, everywhere: bool = False) -> None:
+        """Leave what a robot has said so far out of the merged map; of the own name, end the former lives."""
+        self._run(self._peer.forget(robot, everywhere=everywhere))
 
     def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
         """Wait until all that living peers hold now is held here, too."""
@@ -143,9 +150,9 @@ class SyncPeer:
         return self._peer.merged
 
     @property
-    def epoch(self) -> int:
-        """Which life of this robot's map frame it is."""
-        return self._peer.epoch
+    def life(self) -> int:
+        """Which run of this robot's map frame it is."""
+        return self._peer.life
 
     @property
     def T_fleet_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
@@ -165,6 +172,10 @@ class SyncPeer:
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
         """Living robots with the pose and the goal that they announced last."""
         return self._peer.teammates(frame=frame)
+
+    def health(self) -> tuple[Problem, ...]:
+        """What is wrong now; empty if nothing is."""
+        return self._peer.health()
 
     def stats(self) -> Stats:
         """Bytes sent, received and dropped, and what gzipped grids would have cost."""

@@ -33,6 +33,7 @@ class Watched:
     last: Seen
     first: StatsMessage | None = None
     """Its first answer of this life."""
+    life: int = 0
     figures: StatsMessage | None = None
     """Its latest answer."""
 
@@ -40,8 +41,8 @@ class Watched:
         """Take in what was seen now."""
         self.last = seen
         if seen.figures is not None:
-            if self.first is None or self.first.epoch != seen.figures.epoch or self.first.age_ms > seen.figures.age_ms:
-                self.first = seen.figures
+            if self.first is None or self.life != seen.life or self.first.age_ms > seen.figures.age_ms:
+                self.first, self.life = seen.figures, seen.life
             self.figures = seen.figures
 
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import msgpack
 
+from fleetmap.codecs.facts.facts import MAX_KEY_BYTES, MAX_VALUE_BYTES
 from fleetmap.codecs.messages import (
     CHECK_MASK,
     MAX_CHUNK_BYTES,
@@ -17,15 +18,15 @@ from fleetmap.codecs.messages import (
     MAX_COUNT,
     MAX_COUNTER,
     MAX_EPSILON_CELLS,
+    MAX_LIFE,
     MAX_MESSAGE_BYTES,
     MAX_MM,
     MAX_ROWS,
+    MAX_SEQ,
     MAX_TALLIES,
-    NAME,
     PROFILES,
     Change,
     GoalMessage,
-    Header,
     Heartbeat,
     MapHeader,
     Message,
@@ -39,11 +40,12 @@ from fleetmap.codecs.messages import (
     Tally,
     Want,
 )
+from fleetmap.codecs.names import NAME
 from fleetmap.model.errors import FleetmapError, WireError
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import MAX_UM, Q30, FixedPose
 
-VERSION = 1
+VERSION = 2
 LONE = "0"
 """The submap of robots that have one; its payload may stand without its name."""
 
@@ -53,22 +55,22 @@ T = TypeVar("T")
 def encode(message: Message) -> bytes:
     """A message as bytes."""
     match message:
-        case Record(epoch, seq, check, change):
-            fields = [epoch, seq, check, *_change_out(change)]
-        case SnapshotChunk(revision, index, count, data):
-            fields = [*_revision_out(revision), index, count, data]
-        case Heartbeat(epoch, seq, held):
-            fields = [epoch, seq, held]
-        case Want(revision):
-            fields = [*_revision_out(revision)]
+        case Record(seq, link, check, change):
+            fields = [seq, link, check, *_change_out(change)]
+        case SnapshotChunk(seq, digest, link, index, count, data):
+            fields = [seq, digest, link, index, count, data]
+        case Heartbeat(seq, held):
+            fields = [seq, held]
+        case Want(robot, revision, partial):
+            fields = [robot, *_revision_out(revision), *(partial or ())]
         case RevisionList(revisions):
             fields = [[[robot, *_revision_out(revision)] for robot, revision in revisions]]
-        case PoseMessage(epoch, x_mm, y_mm, yaw_mrad):
-            fields = [epoch, x_mm, y_mm, yaw_mrad]
-        case GoalMessage(epoch, goal_mm):
-            fields = [epoch, list(goal_mm) if goal_mm else None]
-        case StatsMessage(epoch, age_ms, links, edges, explored_dm2, watched, sent, grids):
-            fields = [epoch, age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids)]
+        case PoseMessage(x_mm, y_mm, yaw_mrad):
+            fields = [x_mm, y_mm, yaw_mrad]
+        case GoalMessage(goal_mm):
+            fields = [list(goal_mm) if goal_mm else None]
+        case StatsMessage(age_ms, links, edges, explored_dm2, watched, sent, grids):
+            fields = [age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids)]
     packed: bytes = msgpack.packb([VERSION << 4 | message.KIND, *fields])
     return packed
 
@@ -150,100 +152,85 @@ def _read_message(fields: object) -> Message:
     body = fields[1:]
     match kind:
         case Record.KIND:
-            return Record(
-                *_counters(body[:2]),
-                _integer(body[2] if len(body) > 2 else None, 0, CHECK_MASK),
-                _read_change(body[3:]),
-            )
+            if len(body) < 4:
+                raise ValueError("expected a seq, a link, a check and a change")
+            seq, link, check = _integer(body[0], 1, MAX_SEQ), _word(body[1]), _integer(body[2], 0, CHECK_MASK)
+            return Record(seq, link, check, _read_change(body[3:]))
         case SnapshotChunk.KIND:
             a = _array(body, 6)
             count = _integer(a[4], 1, MAX_CHUNKS)
             index = _integer(a[3], 0, count - 1)
-            return SnapshotChunk(_read_revision(a[:3]), index, count, _bytes(a[5], MAX_CHUNK_BYTES))
+            seq = _integer(a[0], 1, MAX_SEQ)
+            return SnapshotChunk(seq, _word(a[1]), _word(a[2]), index, count, _bytes(a[5], MAX_CHUNK_BYTES))
         case Heartbeat.KIND:
-            return Heartbeat(*_revision_fields(_array(body, 3)))
+            a = _array(body, 2)
+            return Heartbeat(_integer(a[0], 0, MAX_SEQ), _word(a[1]))
         case Want.KIND:
-            return Want(_read_revision(_array(body, 3)))
+            a = body if len(body) == 7 else _array(body, 4)
+            partial = None
+            if len(a) == 7:
+                partial = (_integer(a[4], 1, MAX_SEQ), _word(a[5]), _integer(a[6], 1, MAX_CHUNKS))
+            return Want(_name(a[0]), _read_revision(a[1:4]), partial)
         case RevisionList.KIND:
             rows = [_array(row, 4) for row in _rows(_array(body, 1)[0])]
             return RevisionList(tuple((_name(row[0]), _read_revision(row[1:])) for row in rows))
         case PoseMessage.KIND:
-            a = _array(body, 4)
+            a = _array(body, 3)
             return PoseMessage(
-                _integer(a[0], 0, MAX_COUNTER),
-                _integer(a[1], -MAX_MM, MAX_MM),
-                _integer(a[2], -MAX_MM, MAX_MM),
-                _integer(a[3], -3142, 3142),
+                _integer(a[0], -MAX_MM, MAX_MM), _integer(a[1], -MAX_MM, MAX_MM), _integer(a[2], -3142, 3142)
             )
         case GoalMessage.KIND:
-            a = _array(body, 2)
+            (place,) = _array(body, 1)
             goal = None
-            if a[1] is not None:
-                x_mm, y_mm = _array(a[1], 2)
+            if place is not None:
+                x_mm, y_mm = _array(place, 2)
                 goal = (_integer(x_mm, -MAX_MM, MAX_MM), _integer(y_mm, -MAX_MM, MAX_MM))
-            return GoalMessage(_integer(a[0], 0, MAX_COUNTER), goal)
+            return GoalMessage(goal)
         case StatsMessage.KIND:
-            a = _array(body, 8)
-            epoch, links, edges = (_integer(a[i], 0, MAX_COUNTER) for i in (0, 2, 3))
-            age_ms, explored_dm2 = (_integer(a[i], 0, MAX_COUNT) for i in (1, 4))
-            return StatsMessage(epoch, age_ms, links, edges, explored_dm2, _tally(a[5]), _tallies(a[6]), _tallies(a[7]))
+            a = _array(body, 7)
+            links, edges = (_integer(a[i], 0, MAX_COUNTER) for i in (1, 2))
+            age_ms, explored_dm2 = (_integer(a[i], 0, MAX_COUNT) for i in (0, 3))
+            return StatsMessage(age_ms, links, edges, explored_dm2, _tally(a[4]), _tallies(a[5]), _tallies(a[6]))
     raise ValueError(f"unknown kind {kind}")
 
 
 def _revision_out(revision: Revision) -> list[int]:
-    return [revision.epoch, revision.seq, revision.digest]
-
-
-def _counters(fields: tuple[object, ...]) -> tuple[int, int]:
-    epoch, seq = _array(fields, 2)
-    return _integer(epoch, 0, MAX_COUNTER), _integer(seq, 0, MAX_COUNTER)
-
-
-def _revision_fields(fields: tuple[object, ...]) -> tuple[int, int, int]:
-    return *_counters(fields[:2]), _integer(fields[2], 0, (1 << 64) - 1)
+    return [revision.life, revision.seq, revision.digest]
 
 
 def _read_revision(fields: tuple[object, ...]) -> Revision:
-    return Revision(*_revision_fields(fields))
+    life, seq, digest = _array(fields, 3)
+    return Revision(_integer(life, 0, MAX_LIFE), _integer(seq, 0, MAX_SEQ), _word(digest))
 
 
 def _change_out(change: Change) -> list[object]:
-    """Submaps by name, and the header if it changed; mostly only the payload of the one submap of its robot does."""
-    submaps: dict[str, object] = {}
-    for s in change.submaps:
-        map_header = map_header_fields(s.map_header) if s.map_header else None
-        alone = s.anchor is None and map_header is None and s.payload is not None
-        submaps[s.submap] = s.payload if alone else [s.payload, _pose_out(s.anchor), map_header]
-    changed = submaps[LONE] if submaps.keys() == {LONE} and isinstance(submaps[LONE], bytes) else submaps
-    if change.header is None:
-        return [changed]
-    return [changed, [change.header.level, _pose_out(change.header.start), [list(f) for f in change.header.forgets]]]
+    """Submaps by name, and the facts that changed; mostly only the payload of the one submap of its robot does."""
+    submaps: dict[str, object] = {
+        s.submap: [s.payload, map_header_fields(s.map_header)] if s.map_header else s.payload for s in change.submaps
+    }
+    lone = submaps.get(LONE)
+    changed = lone if submaps.keys() == {LONE} and isinstance(lone, bytes) else submaps
+    return [changed, dict(change.facts)] if change.facts else [changed]
 
 
 def _read_change(fields: object) -> Change:
     if not isinstance(fields, tuple) or len(fields) not in (1, 2) or not isinstance(fields[0], bytes | dict):
-        raise ValueError("expected a map of submaps, and a header if it changed")
+        raise ValueError("expected a map of submaps, and one of facts if some changed")
     submaps = fields[0] if isinstance(fields[0], dict) else {LONE: fields[0]}
-    header = None
-    if len(fields) == 2:
-        level, start, forgets = _array(fields[1], 3)
-        pairs = [_array(pair, 2) for pair in _rows(forgets)]
-        header = Header(
-            _name(level), _read_pose(start), tuple((_name(r), _integer(e, 0, MAX_COUNTER)) for r, e in pairs)
-        )
-    return Change(header, tuple(_read_submap(_name(name), what) for name, what in submaps.items()))
+    facts = fields[1] if len(fields) == 2 else {}
+    if not isinstance(facts, dict):
+        raise ValueError("expected a map of facts")
+    return Change(
+        {_key(key): None if value is None else _bytes(value, MAX_VALUE_BYTES) for key, value in facts.items()},
+        tuple(_read_submap(_name(name), what) for name, what in submaps.items()),
+    )
 
 
 def _read_submap(name: str, what: object) -> SubmapChange:
     if isinstance(what, bytes):
-        return SubmapChange(name, None, None, _bytes(what, MAX_MESSAGE_BYTES))
-    payload, anchor, map_header = _array(what, 3)
-    return SubmapChange(
-        name,
-        _read_pose(anchor),
-        None if map_header is None else read_map_header(map_header),
-        None if payload is None else _bytes(payload, MAX_MESSAGE_BYTES),
-    )
+        return SubmapChange(name, None, _bytes(what, MAX_MESSAGE_BYTES))
+    payload, map_header = _array(what, 2)
+    return SubmapChange(name, read_map_header(map_header), _bytes(payload, MAX_MESSAGE_BYTES))
 
 
 def _unlike(pairs: list[tuple[object, object]]) -> dict[object, object]:
@@ -289,6 +276,16 @@ def _integer(value: object, low: int, high: int) -> int:
     # bool is an int to Python, and not to msgpack.
     if type(value) is not int or not low <= value <= high:
         raise ValueError(f"expected a whole number in [{low}, {high}]")
+    return value
+
+
+def _word(value: object) -> int:
+    return _integer(value, 0, (1 << 64) - 1)
+
+
+def _key(value: object) -> bytes:
+    if not isinstance(value, bytes) or not 1 <= len(value) <= MAX_KEY_BYTES:
+        raise ValueError(f"expected a key of 1 to {MAX_KEY_BYTES} bytes")
     return value
 
 

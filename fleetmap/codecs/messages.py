@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from fleetmap.model.errors import ConfigError
+from fleetmap.codecs.facts.facts import FactsStep
 from fleetmap.model.lattice import EPSILON_CELLS, Lattice
-from fleetmap.model.pose import MAX_UM, FixedPose
+from fleetmap.model.pose import MAX_UM
 
-NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-"""Names of robots, fleets, levels and submaps."""
-MAX_MESSAGE_BYTES = 16 << 20
-MAX_CHUNK_BYTES = 256 << 10
-MAX_CHUNKS = 64
-"""A snapshot has at most 16 MB."""
+MAX_MESSAGE_BYTES = 4 << 20
+MAX_CHUNK_BYTES = 16 << 10
+"""So much of a snapshot is not lost when a link breaks: who asks again says which chunks it has."""
+MAX_CHUNKS = 256
+"""A snapshot has at most 4 MB."""
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""
 MAX_COUNTER = (1 << 32) - 1
 MAX_COUNT = (1 << 53) - 1
 """Bytes, messages, milliseconds: what is whole for every reader of JSON, too."""
-CHECK_MASK = (1 << 32) - 1
-CLAIMED_EPOCHS = 1 << 31
-"""Claims of others about a robot's epochs count below this: so it always has a higher one to go on with."""
+MAX_LIFE = (1 << 64) - 1
+MAX_SEQ = 1 << 18
+"""Revisions of one life: who hears of a life first hashes as its seq says (``engine.chain``), 0.1 s at most."""
+CHECK_MASK = (1 << 16) - 1
 MAX_MM = MAX_UM // 1000
 PROFILES = ("share", "full", "exact")
 MAX_EPSILON_CELLS = 1000.0
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """What holds for a whole stream: level, T_fleet_robot if it is known, and streams that its author revokes.
-
-    ``forgets`` names (robot, epoch): streams of that robot up to that epoch are to be dropped.
-    """
-
-    level: str = "0"
-    start: FixedPose | None = None
-    forgets: tuple[tuple[str, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,36 +40,35 @@ class MapHeader:
 
 @dataclass(frozen=True, slots=True)
 class SubmapChange:
-    """What changed in one submap; None means unchanged.
+    """What changed in one submap.
 
     With a ``map_header`` the payload is a delta from the empty map of that header, else from the submap's map.
     """
 
     submap: str
-    anchor: FixedPose | None
     map_header: MapHeader | None
-    payload: bytes | None
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
     """The step from one revision of a stream to the next, or from nothing to a revision."""
 
-    header: Header | None
+    facts: FactsStep
     submaps: tuple[SubmapChange, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Revision:
-    """Which state of an author's stream: epoch, sequence number (0: nothing yet) and 64-bit digest."""
+    """Which state of an author's stream: its life, sequence number (0: nothing yet) and 64-bit digest."""
 
-    epoch: int
+    life: int
     seq: int
     digest: int
 
     @property
     def check(self) -> int:
-        """The lower half of the digest."""
+        """The lowest 16 bits of the digest."""
         return self.digest & CHECK_MASK
 
 
@@ -90,36 +76,29 @@ class Revision:
 class Record:
     """One revision of an author's stream, as a change from the revision before it.
 
-    ``check`` is the lower half of the revision's digest: records are most of the traffic, and a short one is half
-    envelope. One in 2^32 of the records that don't fit gets past it; then the heartbeats' hashes differ.
+    ``link`` proves that the author has come to this seq (``engine.chain``). ``check`` are the lowest 16 bits of the
+    revision's digest: records are most of the traffic, and a short one is half envelope. One in 65536 of the records
+    that come from the author and don't fit gets past it; then the heartbeats' hashes differ.
     """
 
     KIND: ClassVar[int] = 1
-    epoch: int
     seq: int
+    link: int
     check: int
     change: Change
 
 
 @dataclass(frozen=True, slots=True)
 class SnapshotChunk:
-    """Part ``index`` of ``count`` of a packed change from nothing to a revision."""
+    """Part ``index`` of ``count`` of a packed change from nothing to a revision; ``link`` as in records."""
 
     KIND: ClassVar[int] = 2
-    revision: Revision
+    seq: int
+    digest: int
+    link: int
     index: int
     count: int
     data: bytes
-
-    @property
-    def epoch(self) -> int:
-        """The revision's."""
-        return self.revision.epoch
-
-    @property
-    def seq(self) -> int:
-        """The revision's."""
-        return self.revision.seq
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,22 +106,26 @@ class Heartbeat:
     """How far the sender's own stream is, and one hash over the revisions of all streams that it holds."""
 
     KIND: ClassVar[int] = 3
-    epoch: int
     seq: int
     held: int
 
 
 @dataclass(frozen=True, slots=True)
 class Want:
-    """The revision of a stream that the asker has; the answer is what it lacks. Epoch 0: it has none."""
+    """The revision of a stream that the asker has, seq 0 for none; the answer is what it lacks.
+
+    ``partial`` is (seq, digest, n) of a snapshot of which the asker has the first n chunks.
+    """
 
     KIND: ClassVar[int] = 4
+    robot: str
     revision: Revision
+    partial: tuple[int, int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RevisionList:
-    """All streams that the sender holds: (robot, revision), ascending."""
+    """All streams that the sender keeps: (robot, revision), ascending."""
 
     KIND: ClassVar[int] = 5
     revisions: tuple[tuple[str, Revision], ...]
@@ -150,10 +133,9 @@ class RevisionList:
 
 @dataclass(frozen=True, slots=True)
 class PoseMessage:
-    """Where the sender is in its map frame of that epoch: millimetres and milliradians."""
+    """Where the sender is in the map frame of its life: millimetres and milliradians."""
 
     KIND: ClassVar[int] = 6
-    epoch: int
     x_mm: int
     y_mm: int
     yaw_mrad: int
@@ -164,7 +146,6 @@ class GoalMessage:
     """Where the sender is going, in its map frame, millimetres; None: nowhere."""
 
     KIND: ClassVar[int] = 7
-    epoch: int
     goal_mm: tuple[int, int] | None
 
 
@@ -189,7 +170,6 @@ class StatsMessage:
     """
 
     KIND: ClassVar[int] = 8
-    epoch: int
     age_ms: int
     links: int
     edges: int
@@ -200,15 +180,3 @@ class StatsMessage:
 
 
 Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage | StatsMessage
-
-
-def check_name(option: str, name: str) -> str:
-    """The name, if it is one.
-
-    Raises
-    ------
-    ConfigError : it is not 1 to 64 of the characters A-Z a-z 0-9 _ . -
-    """
-    if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise ConfigError(option=option, value=name, reason="expected 1 to 64 of A-Z a-z 0-9 _ . -")
-    return name

@@ -1,20 +1,48 @@
-"""Streams, replicas and the decisions of the exchange; no I/O, no thread, no clock."""
+"""Streams, replicas and the decisions of the exchange; no I/O, no thread, no clock.
 
+engine = Engine("r1", chain=Chain(seed))
+engine.receive(Message("r2", life, "delta", payload), now_s=now_s)    # or Alive, Gone, Query, Reply, ReplyEnd
+engine.tick(now_s)                                                    # ten times a second
+for output in engine.take_outputs(): ...                              # Put, Ask, Answer: for the link; others: events
+"""
+
+from fleetmap.engine.chain import Chain
 from fleetmap.engine.engine import Engine
-from fleetmap.engine.outputs import Ask, Changed, Detour, EpochChanged, Event, NameTaken, Output, PeersChanged, Put
-from fleetmap.engine.stream import Stream, Submap
+from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd
+from fleetmap.engine.outputs import (
+    Answer,
+    Ask,
+    Detour,
+    Event,
+    LifeChanged,
+    LookAgain,
+    MapChanged,
+    Output,
+    PeersChanged,
+    Put,
+)
+from fleetmap.engine.stream import Limits, Stream
 
 __all__ = [
+    "Alive",
+    "Answer",
     "Ask",
-    "Changed",
+    "Chain",
     "Detour",
     "Engine",
-    "EpochChanged",
     "Event",
-    "NameTaken",
+    "Gone",
+    "Input",
+    "LifeChanged",
+    "Limits",
+    "LookAgain",
+    "MapChanged",
+    "Message",
     "Output",
     "PeersChanged",
     "Put",
+    "Query",
+    "Reply",
+    "ReplyEnd",
     "Stream",
-    "Submap",
 ]

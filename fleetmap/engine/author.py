@@ -3,55 +3,80 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
-from fleetmap.codecs.messages import MAX_CHUNK_BYTES, Header
+from fleetmap.codecs.facts import FactsStep, supersede
+from fleetmap.codecs.messages import MAX_CHUNK_BYTES
+from fleetmap.engine.chain import Chain
 from fleetmap.engine.log import RecordLog, record_message, snapshot_messages
-from fleetmap.engine.stream import Stream, Submap
+from fleetmap.engine.stream import Step, Stream
+from fleetmap.model.vectormap import VectorMap
 
 
-@dataclass(slots=True)
 class Author:
-    """The own stream and the log of its last records."""
+    """The own stream and the log of its last records.
 
-    stream: Stream
-    log: RecordLog = field(default_factory=RecordLog)
+    Parameters
+    ----------
+    robot : own name
+    chain : the links of the own life
+    """
 
-    def commit(self, *, header: Header | None = None, submaps: Mapping[str, Submap] | None = None) -> bytes | None:
-        """Take the next step; returns its record, or None if it would change nothing.
+    def __init__(self, robot: str, chain: Chain) -> None:
+        self.chain = chain
+        self.stream = Stream(robot, chain.life)
+        self.log = RecordLog()
+
+    def commit(
+        self,
+        *,
+        facts: FactsStep | None = None,
+        submaps: Mapping[str, VectorMap] | None = None,
+        even_if_nothing: bool = False,
+    ) -> tuple[bytes, Step] | None:
+        """Take the next step; returns its record and the step, or None if it would change nothing.
 
         Raises
         ------
         ConfigError : the whole stream grew beyond what a snapshot may hold; it stays as it was
         """
+        if self.stream.seq == self.chain.revisions:
+            return self._renew(facts or {}, self.stream.submaps if submaps is None else submaps)
         old = self.stream
         new = Stream(
             old.robot,
-            old.epoch,
+            old.life,
             old.seq + 1,
-            old.header if header is None else header,
+            old.facts.after(facts or {}),
             old.submaps if submaps is None else submaps,
+            self.chain.link(old.seq + 1),
         )
-        if old.seq > 0 and new.header == old.header and new.digest == old.digest:
+        if old.seq > 0 and new.digest == old.digest and not even_if_nothing:
             return None
-        record = record_message(old, new)
+        return self._say(old, new)
+
+    def skip_to(self, seq: int) -> None:
+        """Go on behind a revision that this life has said and this process doesn't know of."""
+        if seq > self.stream.seq:
+            self.stream = replace(self.stream, seq=seq, link=self.chain.link(seq))
+            self.log.clear()
+
+    def _renew(self, facts: FactsStep, submaps: Mapping[str, VectorMap]) -> tuple[bytes, Step]:
+        """Say all again in a new life, which supersedes this one: its chain has no link left."""
+        old = self.stream
+        chain = Chain(self.chain.next_seed(), revisions=self.chain.revisions)
+        also = supersede({old.life: old.state})
+        new = Stream(old.robot, chain.life, 1, old.facts.after({**facts, **also}), submaps, chain.link(1))
+        result = self._say(Stream(old.robot, chain.life), new)
+        self.chain = chain
+        return result
+
+    def _say(self, old: Stream, new: Stream) -> tuple[bytes, Step]:
+        record, step = record_message(old, new)
         if len(record) > MAX_CHUNK_BYTES:
             snapshot_messages(new)  # refuses what no peer could catch up with
+        if old.life != self.stream.life:
+            self.log.clear()
         self.stream = new
         self.log.append(old.revision, record)
-        return record
-
-    def restart(self, epoch: int) -> bytes | None:
-        """Say the same under a new epoch, and revoke the earlier ones; returns the record.
-
-        Two lives may have used one epoch without knowing of each other, and no peer could tell those apart.
-        """
-        old = self.stream
-        self.log.clear()
-        self.stream = Stream(old.robot, epoch)
-        return self.commit(header=revoking(old.header, old.robot, epoch - 1), submaps=old.submaps)
-
-
-def revoking(header: Header, robot: str, epoch: int) -> Header:
-    """The same header, revoking also a robot's streams up to an epoch."""
-    return replace(header, forgets=tuple(sorted({**dict(header.forgets), robot: epoch}.items())))
+        return record, step

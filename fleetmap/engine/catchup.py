@@ -1,113 +1,167 @@
-"""What is missing, whom to ask for it, and when to ask again."""
+"""Questions planned and under way: about what, to whom, and when to ask again."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-Key = tuple[str, int]
-"""(robot, epoch) of a stream; (robot, LIST) stands for that peer's list of revisions."""
+from fleetmap.engine.stream import Key
 
-LIST = -1
 GRACE_S = 0.15
 """How long a gap may close by itself before a question is sent: records travel on another key than heartbeats."""
 REPLY_TIMEOUT_S = 3.0
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 5.0
-MAX_PENDING = 32
-"""Questions under way at once; the others wait for their turn."""
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
+MAX_UNDER_WAY = 32
+MAX_UNDER_WAY_EACH = 4
+"""Questions under way at once, to all and to one: who doesn't answer keeps nobody else waiting."""
+MAX_REPLIES = 1024
+"""Replies to one question, a snapshot's chunks and the records behind them."""
+FAILED = 3
+"""After so many questions in vain, what somebody claims is not waited for: it is asked for ever more seldom."""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a question is about: a stream, or (with None) what the asked peer holds."""
+
+    peer: Key
+    stream: Key | None
 
 
 @dataclass(slots=True)
-class Pending:
-    """A question under way, or one that is to be asked at ``due_s``."""
+class _Pair:
+    """What came of asking a peer about a stream."""
 
-    due_s: float
-    attempt: int = 0
-    ask_id: int | None = None
-    deadline_s: float = 0.0
+    failures: int = 0
+    again_s: float = 0.0
+
+
+@dataclass(slots=True)
+class _Question:
+    about: About
+    deadline_s: float
+    helped: int = 0
 
 
 @dataclass(slots=True)
 class Catchup:
-    """Bookkeeping: who holds how much of each stream, and the questions planned and under way."""
+    """Bookkeeping of questions.
 
-    _holders: dict[Key, dict[str, int]] = field(default_factory=dict)
-    _pending: dict[Key, Pending] = field(default_factory=dict)
-    _by_id: dict[int, tuple[Key, str]] = field(default_factory=dict)
+    A stream that is behind has one question under way at a time. Whom it is put to is the caller's to say, each time
+    anew: the peers that hold more, in the order of preference.
+    """
+
+    _due_s: dict[Key, float] = field(default_factory=dict)
+    _lists_due_s: dict[Key, float] = field(default_factory=dict)
+    _pairs: dict[About, _Pair] = field(default_factory=dict)
+    _under_way: dict[int, _Question] = field(default_factory=dict)
     _next_id: int = 0
 
-    def announced(self, key: Key, peer: str, seq: int) -> None:
-        """``peer`` says that it holds a stream up to ``seq``."""
-        self._holders.setdefault(key, {})[peer] = seq
+    def want(self, stream: Key, due_s: float) -> None:
+        """Ask about a stream at ``due_s``, or earlier if that was planned."""
+        self._due_s[stream] = min(due_s, self._due_s.get(stream, due_s))
 
-    def ahead(self, key: Key, seq: int) -> list[str]:
-        """The peers that hold more of a stream than ``seq``: the author first, then its mirrors."""
-        peers = [peer for peer, held in self._holders.get(key, {}).items() if held > seq]
-        return sorted(peers, key=lambda peer: (peer != key[0], peer))
+    def want_list(self, peer: Key, due_s: float) -> None:
+        """Ask a peer what it holds."""
+        self._lists_due_s[peer] = min(due_s, self._lists_due_s.get(peer, due_s))
 
-    def announced_keys(self) -> list[Key]:
-        """All streams that living peers have announced, ascending."""
-        return sorted(self._holders)
+    def peer_gone(self, peer: Key) -> None:
+        """Nothing can be had from it any more."""
+        self._lists_due_s.pop(peer, None)
+        self._pairs = {about: pair for about, pair in self._pairs.items() if about.peer != peer}
+        self._under_way = {i: q for i, q in self._under_way.items() if q.about.peer != peer}
 
-    def peer_gone(self, peer: str) -> None:
-        """What a peer announced can't be had from it any more."""
-        self.settled((peer, LIST))
-        self.forget_announced(peer)
-
-    def forget_announced(self, peer: str) -> None:
-        """Whatever ``peer`` announced is out of date: it is gone, or says anew what it holds."""
-        for holders in self._holders.values():
-            holders.pop(peer, None)
-        self._holders = {key: holders for key, holders in self._holders.items() if holders}
-
-    def stream_gone(self, key: Key) -> None:
+    def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
-        self._holders.pop(key, None)
-        self.settled(key)
+        self.settled(stream)
+        self._pairs = {about: pair for about, pair in self._pairs.items() if about.stream != stream}
 
-    def want(self, key: Key, due_s: float) -> None:
-        """Ask for ``key`` at ``due_s``, unless that is under way or planned for earlier."""
-        pending = self._pending.get(key)
-        if pending is None:
-            self._pending[key] = Pending(due_s)
-        elif pending.ask_id is None:
-            pending.due_s = min(pending.due_s, due_s)
+    def settled(self, stream: Key) -> None:
+        """Nothing of a stream is missing."""
+        self._due_s.pop(stream, None)
 
-    def due(self, now_s: float) -> list[tuple[Key, int]]:
-        """The questions to send now, with how often each was sent before; expired ones are planned anew."""
-        for pending in self._pending.values():
-            if pending.ask_id is not None and pending.deadline_s <= now_s:
-                self._again(pending, now_s)
-        under_way = sum(p.ask_id is not None for p in self._pending.values())
-        ready = sorted((p.due_s, k) for k, p in self._pending.items() if p.ask_id is None and p.due_s <= now_s)
-        return [(key, self._pending[key].attempt) for _, key in ready[: MAX_PENDING - under_way]]
+    def renewed(self, about: About, now_s: float) -> None:
+        """A peer says something else of a stream than before: what came of asking no longer counts."""
+        pair = self._pairs.get(about)
+        if pair is not None:
+            # Not at once: who says something else all the time would be asked all the time.
+            pair.failures, pair.again_s = 0, min(pair.again_s, now_s + FIRST_RETRY_S)
 
-    def sent(self, key: Key, peer: str, now_s: float) -> int:
-        """A question about ``key`` goes to ``peer``: its id."""
+    def in_vain(self, about: About) -> bool:
+        """Whether what a peer claims is not to be waited for."""
+        pair = self._pairs.get(about)
+        return pair is not None and pair.failures >= FAILED
+
+    def due(self, now_s: float, holders: Callable[[Key], list[Key]]) -> list[About]:
+        """The questions to send now."""
+        for ask_id, question in list(self._under_way.items()):
+            if question.deadline_s <= now_s:
+                self.ended(ask_id, now_s)
+        busy: dict[Key, int] = {}
+        asked: set[Key] = set()
+        for question in self._under_way.values():
+            busy[question.about.peer] = busy.get(question.about.peer, 0) + 1
+            if question.about.stream is not None:
+                asked.add(question.about.stream)
+        found: list[About] = []
+
+        def take(about: About) -> bool:
+            pair = self._pairs.get(about)
+            free = len(self._under_way) + len(found) < MAX_UNDER_WAY and busy.get(about.peer, 0) < MAX_UNDER_WAY_EACH
+            if not free or (pair is not None and pair.again_s > now_s):
+                return False
+            busy[about.peer] = busy.get(about.peer, 0) + 1
+            found.append(about)
+            return True
+
+        for peer, due_s in sorted(self._lists_due_s.items(), key=lambda item: (item[1], item[0])):
+            asks = any(q.about == About(peer, None) for q in self._under_way.values())
+            if due_s <= now_s and not asks and take(About(peer, None)):
+                del self._lists_due_s[peer]
+        for stream, due_s in sorted(self._due_s.items(), key=lambda item: (item[1], item[0])):
+            if due_s > now_s or stream in asked:
+                continue
+            peers = holders(stream)
+            if not peers:
+                del self._due_s[stream]
+                continue
+            # Whom it was asked of in vain comes last.
+            failures = {peer: self._failures(About(peer, stream)) for peer in peers}
+            for peer in sorted(peers, key=lambda peer: (failures[peer], peers.index(peer))):
+                if take(About(peer, stream)):
+                    break
+        return found
+
+    def sent(self, about: About, now_s: float) -> int:
+        """A question goes out: its id."""
         self._next_id += 1
-        pending = self._pending[key]
-        pending.ask_id, pending.deadline_s = self._next_id, now_s + REPLY_TIMEOUT_S
-        self._by_id[self._next_id] = (key, peer)
+        self._under_way[self._next_id] = _Question(about, now_s + REPLY_TIMEOUT_S)
         return self._next_id
 
-    def about(self, ask_id: int) -> tuple[Key, str] | None:
-        """(key, peer) of a question; None if it is over."""
-        return self._by_id.get(ask_id)
+    def about(self, ask_id: int) -> About | None:
+        """What a question is about; None if it is over."""
+        question = self._under_way.get(ask_id)
+        return None if question is None else question.about
 
-    def ended(self, ask_id: int, now_s: float) -> None:
-        """No more replies will come; what they didn't settle is asked again."""
-        found = self._by_id.get(ask_id)
-        if found is not None:
-            self._again(self._pending[found[0]], now_s)
+    def helped(self, ask_id: int, now_s: float) -> None:
+        """A reply was of use; what is still to come may take its time, within bounds."""
+        question = self._under_way.get(ask_id)
+        if question is not None:
+            question.helped += 1
+            if question.helped < MAX_REPLIES:
+                question.deadline_s = now_s + REPLY_TIMEOUT_S
+            self._pairs.pop(question.about, None)
 
-    def settled(self, key: Key) -> None:
-        """Nothing is missing any more."""
-        pending = self._pending.pop(key, None)
-        if pending is not None and pending.ask_id is not None:
-            del self._by_id[pending.ask_id]
+    def ended(self, ask_id: int, now_s: float) -> About | None:
+        """No more replies will come: what they didn't settle is asked again. Returns what was asked in vain, if so."""
+        question = self._under_way.pop(ask_id, None)
+        if question is None or question.helped:
+            return None
+        pair = self._pairs.setdefault(question.about, _Pair())
+        pair.again_s = now_s + min(FIRST_RETRY_S * 2**pair.failures, LONGEST_RETRY_S)
+        pair.failures = min(pair.failures + 1, 16)
+        return question.about
 
-    def _again(self, pending: Pending, now_s: float) -> None:
-        if pending.ask_id is not None:
-            del self._by_id[pending.ask_id]
-        pending.ask_id = None
-        pending.due_s = now_s + min(FIRST_RETRY_S * 2**pending.attempt, LONGEST_RETRY_S)
-        pending.attempt += 1
+    def _failures(self, about: About) -> int:
+        pair = self._pairs.get(about)
+        return 0 if pair is None else pair.failures

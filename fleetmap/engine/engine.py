@@ -1,52 +1,65 @@
-"""The engine: bytes and times go in, bytes and events come out. No I/O, no thread, no clock, no randomness.
+"""The engine: what the link delivers and times go in, things for the link to do and events come out.
 
-An author numbers its revisions, and a record leads from one to the next. Who finds a gap, hears a heartbeat
-that is ahead, or meets a peer for the first time, asks: the author, or any peer that mirrors it. Nothing that
-comes from the network raises; what is refused is counted by robot, kind and reason.
+No I/O, no thread, no clock, no randomness. An author numbers its revisions, and a record leads from one to the next.
+Who finds a gap, hears a heartbeat that is ahead, or meets a peer for the first time, asks: the author, or any peer that
+mirrors it. Nothing that comes from the network raises; what is refused is counted by the name that it claims, kind and
+reason.
+
+    record  ->  next one of a life?  ->  applied, told to the user
+                not yet              ->  ask the author, or who holds more   ->  records, or a snapshot
+    heartbeat or list says that somebody holds more, or something else       ->  ask
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Mapping
 
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
+from fleetmap.codecs.facts import FactsStep, forget, name_lives, set_anchor, set_level, set_start, supersede
 from fleetmap.codecs.messages import (
-    CLAIMED_EPOCHS,
     MAX_EPSILON_CELLS,
     MAX_MM,
-    NAME,
     PROFILES,
     GoalMessage,
-    Header,
     Heartbeat,
-    Message,
     PoseMessage,
     Record,
     Revision,
     RevisionList,
     SnapshotChunk,
     Want,
-    check_name,
 )
-from fleetmap.engine.author import Author, revoking
-from fleetmap.engine.catchup import GRACE_S, LIST, Catchup, Key
-from fleetmap.engine.changes import changed_events
+from fleetmap.codecs.names import NAME, check_name
+from fleetmap.engine.author import Author
+from fleetmap.engine.budget import Budget, Budgets
+from fleetmap.engine.catchup import GRACE_S, About, Catchup
+from fleetmap.engine.chain import Chain
+from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
 from fleetmap.engine.holdings import Holdings
-from fleetmap.engine.log import answer
-from fleetmap.engine.outputs import Ask, Changed, Detour, EpochChanged, NameTaken, Output, PeersChanged, Put
+from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd
+from fleetmap.engine.log import Snapshots, answer
+from fleetmap.engine.neighbours import Neighbour, Neighbours
+from fleetmap.engine.outputs import Answer, Ask, Detour, LifeChanged, LookAgain, Output, PeersChanged, Put
 from fleetmap.engine.quota import Quota
 from fleetmap.engine.reach import check_reach
 from fleetmap.engine.replica import Outcome, Replica
-from fleetmap.engine.stream import Stream, Submap
+from fleetmap.engine.stream import Key, Limits, Step, Stream
 from fleetmap.engine.teammates import Teammates
+from fleetmap.engine.votes import contradictions, most_held
+from fleetmap.model.density import check_density
 from fleetmap.model.errors import ConfigError, WireError
 from fleetmap.model.pose import FixedPose, wrap
 from fleetmap.model.vectormap import VectorMap
 
-MAX_PEERS = 512
+CONTEST_S = 1.0
+"""At least so long between two words that are said only because somebody spoke in this robot's name."""
+WORK_BPS, WORK_BURST_BYTES, WORKERS = 256 << 10, 8 << 20, 2048
+"""What one name may have a peer decode. A snapshot is 4 MB at most; what is refused counts sixteenfold."""
+REFUSED_COUNTS = 16
+ANSWER_BPS, ANSWER_BURST_BYTES = 4 << 20, 32 << 20
+"""What a peer sends in answers, all together."""
 
 
 class Engine:
@@ -54,45 +67,51 @@ class Engine:
 
     Parameters
     ----------
-    robot : own name; unique among the living peers of the fleet
-    epoch : 1 + the highest epoch of this name that is known
-    instance : tells two living peers of one name apart; drawn by the caller
+    robot : own name
+    chain : the links of the own life
     level : robots of different levels are never merged
     start : T_fleet_robot, None if unknown
     heartbeat_s : how often the own revision is announced
     quota : when updates of the own map may be sent; None: at once
+    allow : names that are listened to; None: all
+    limits : what one robot's map may hold
     """
 
     def __init__(
         self,
         robot: str,
         *,
-        epoch: int = 1,
-        instance: str = "0",
+        chain: Chain,
         level: str = "0",
         start: FixedPose | None = None,
         heartbeat_s: float = 2.0,
         quota: Quota | None = None,
         ledger: Ledger | None = None,
+        allow: Collection[str] | None = None,
+        limits: Limits | None = None,
     ) -> None:
-        self.robot, self.instance = check_name("robot", robot), instance
+        self.robot = check_name("robot", robot)
         self.ledger = ledger or Ledger()
-        header = Header(check_name("level", level), start)
-        self.author = Author(Stream(robot, epoch, 0, header))
+        self.author = Author(robot, chain)
         self.holdings = Holdings(self.author)
-        self.alive: dict[str, set[tuple[int, str]]] = {}
+        self.neighbours = Neighbours()
         self.teammates = Teammates()
+        self._allow = None if allow is None else {robot, *(check_name("allow", name) for name in allow)}
+        self._limits = limits or Limits()
         self._heartbeat_s, self._heartbeat_due_s = heartbeat_s, 0.0
-        self._listed: set[str] = set()
-        self._mismatch: dict[str, tuple[int, int]] = {}
-        self._catchup = Catchup()
+        self._catchup, self._snapshots = Catchup(), Snapshots()
+        self._work = Budgets(WORK_BPS, WORK_BURST_BYTES, names=WORKERS)
+        self._answers = Budget(ANSWER_BPS, ANSWER_BURST_BYTES)
         self._quota = quota or Quota()
-        self._waiting: dict[str, Submap] = {}
+        self._waiting_maps: dict[str, VectorMap] = {}
+        self._waiting_facts: FactsStep = {}
         self._said_bytes = 0
         self._refused: ConfigError | None = None
         self._said: dict[str, bytes] = {}
+        self._contested_s = -math.inf
+        self._contest = False
         self._outputs: list[Output] = []
-        self._commit(header=header)
+        self._commit(facts={**set_level(level), **set_start(start)}, even_if_nothing=True)
 
     @property
     def own(self) -> Stream:
@@ -102,18 +121,24 @@ class Engine:
     # What the user says
 
     def publish(
-        self, submap: str, vector_map: VectorMap, *, anchor: FixedPose | None = None, now_s: float = 0.0
+        self,
+        submap: str,
+        vector_map: VectorMap,
+        *,
+        anchor: FixedPose | None = None,
+        supersedes: bool = False,
+        now_s: float = 0.0,
     ) -> bool:
         """Say what a submap is now, or, if the quota doesn't allow it yet, as soon as it does.
 
-        What is said then is the difference to what was said last: what came between is never sent. False if nothing
-        changed, and nothing is to be sent.
+        What is said then is the difference to what was said last: what came between is never sent. With ``supersedes``
+        the own former lives that are held end with it. False if nothing changed, and nothing is to be sent.
 
         Raises
         ------
-        ConfigError : the name or the profile is none; the map is too large, or too far from others of the component
-            (``engine.reach``); or the whole map (or the one before, if it had to wait) grew beyond what a snapshot may
-            hold
+        ConfigError : the name or the profile is none; the map has too many edges, in all or in one place, or is too far
+            from others of the component (``engine.reach``); or the whole map (or the one before, if it had to wait)
+            grew beyond what a snapshot may hold
         """
         if self._refused is not None:
             refused, self._refused = self._refused, None
@@ -122,17 +147,22 @@ class Engine:
         if vector_map.profile not in PROFILES or not 0 <= vector_map.epsilon_cells <= MAX_EPSILON_CELLS:
             told = (vector_map.profile, vector_map.epsilon_cells)
             raise ConfigError(option="map", value=told, reason=f"expected {PROFILES} and at most {MAX_EPSILON_CELLS}")
-        waiting = {**self._waiting, submap: Submap(vector_map, anchor or FixedPose())}
-        self._check_reach(submaps={**self.own.submaps, **waiting}, submap=submap)
-        self._waiting = waiting
+        maps = {**self._waiting_maps, submap: vector_map}
+        self._check_density(maps, submap)
+        facts = {**self._waiting_facts, **set_anchor(submap, anchor or FixedPose())}
+        if supersedes:
+            facts |= self._supersede_former()
+        self._check_reach(facts, maps, submap=submap)
+        self._waiting_maps, self._waiting_facts = maps, facts
         if self._quota.may_send(now_s):
             return self.send_waiting(now_s)
-        return replace(self.own, submaps={**self.own.submaps, **self._waiting}).digest != self.own.digest
+        return self._after(facts, maps).digest != self.own.digest
 
     def send_waiting(self, now_s: float) -> bool:
         """Say what waits for the quota, whether or not it allows it; False if that is nothing."""
-        waiting, self._waiting = self._waiting, {}
-        if not waiting or not self._commit(submaps={**self.own.submaps, **waiting}):
+        maps, self._waiting_maps = self._waiting_maps, {}
+        facts, self._waiting_facts = self._waiting_facts, {}
+        if not maps or not self._commit(facts=facts, submaps={**self.own.submaps, **maps}):
             return False
         self._quota.sent(self._said_bytes, now_s)
         return True
@@ -144,22 +174,37 @@ class Engine:
         ------
         ConfigError : the own maps would lie too far from others of the component (``engine.reach``)
         """
-        self._check_reach(header=replace(self.own.header, start=start), submaps={**self.own.submaps, **self._waiting})
-        return self._commit(header=replace(self.own.header, start=start))
+        facts = set_start(start)
+        self._check_reach({**self._waiting_facts, **facts}, self._waiting_maps)
+        return self._commit(facts=facts)
 
-    def forget(self, robot: str) -> bool:
-        """Drop all that a robot has said so far, here and at every peer. One that still lives comes back.
+    def forget(self, robot: str, *, everywhere: bool = False) -> bool:
+        """Leave what a robot has said so far out of the merged map: here, or at every peer. What it says next is back.
+
+        Of the own name: end the former lives, at every peer.
 
         Raises
         ------
         ConfigError : no stream of that robot is held
         """
-        epochs = [epoch for name, epoch in self.holdings.replicas if name == robot]
-        if not epochs:
+        check_name("robot", robot)
+        if robot == self.robot:
+            step = self._supersede_former()
+            if not step:
+                raise ConfigError(option="robot", value=robot, reason="no former life of this robot is held")
+            self._commit(facts=step)
+            self._settle(robot)
+            return True
+        streams = {s.key: s.state for s in self.holdings.streams() if s.robot == robot}
+        if not streams:
             raise ConfigError(option="robot", value=robot, reason="no map of that robot is held")
-        done = self._commit(header=revoking(self.own.header, robot, max(epochs)))
-        self._drop_revoked()
-        return done
+        before = self.holdings.left_out()
+        if everywhere:
+            self._commit(facts=forget(streams))
+        else:
+            self.holdings.hidden.update(streams)
+        self._tell_left_out(before)
+        return self.holdings.left_out() != before
 
     def set_pose(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         """Announce where the robot is, in its map frame.
@@ -170,7 +215,7 @@ class Engine:
         """
         x_mm, y_mm = _millimetres("pose", (x_m, y_m))
         yaw_mrad = round(wrap(yaw_rad) * 1e3)
-        self._say("pose", envelope.encode(PoseMessage(self.own.epoch, x_mm, y_mm, yaw_mrad)))
+        self._say("pose", envelope.encode(PoseMessage(x_mm, y_mm, yaw_mrad)))
 
     def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
         """Announce where the robot is going, in its map frame; None: nowhere.
@@ -180,280 +225,498 @@ class Engine:
         ConfigError : a number is not finite, or too large
         """
         goal_mm = None if goal_xy is None else _millimetres("goal", goal_xy)
-        self._say("goal", envelope.encode(GoalMessage(self.own.epoch, goal_mm)))
+        self._say("goal", envelope.encode(GoalMessage(goal_mm)))
 
     # What the link says
 
-    def on_message(self, robot: str, suffix: str, payload: bytes, *, now_s: float) -> None:
-        """A sample under ``robot/suffix``."""
-        self.ledger.received(robot, suffix, len(payload))
-        try:
-            if not NAME.fullmatch(robot) or robot == self.robot:
-                raise WireError(robot=robot, size_bytes=len(payload), reason="namesake")
-            self._on_message(robot, suffix, payload, envelope.decode(payload, robot=robot), now_s)
-        except WireError as error:
-            self.ledger.dropped(robot, suffix, len(payload), reason=_short(error))
+    def receive(self, item: Input, *, now_s: float) -> None:
+        """Take what the link delivered. ``take_outputs`` gives what came of it."""
+        match item:
+            case Message(robot, life, kind, payload):
+                self._count(robot, kind, payload, lambda: self._on_message((robot, life), kind, payload, now_s))
+            case Alive(robot, life):
+                self._on_alive((robot, life), now_s)
+            case Gone(robot, life):
+                self._on_gone((robot, life))
+            case Query(kind, payload, reply):
+                self._outputs.append(Answer(reply, tuple(self._on_query(kind, payload, now_s))))
+            case Reply(ask_id, payload):
+                about = self._catchup.about(ask_id)
+                name = about.peer[0] if about else "?"
+                self._count(name, "reply", payload, lambda: self._on_reply(ask_id, about, payload, now_s))
+            case ReplyEnd(ask_id):
+                self._on_reply_end(ask_id, now_s)
         self._ask_due(now_s)
-
-    def on_alive(self, robot: str, epoch: int, instance: str, *, now_s: float) -> None:
-        """A peer's liveliness token appeared."""
-        if robot == self.robot:
-            # Both see the other; the one with the lower epoch was there first.
-            if instance != self.instance and (epoch, instance) < (self.own.epoch, self.instance):
-                self._outputs.append(NameTaken())
-            return
-        if not NAME.fullmatch(robot) or (robot not in self.alive and len(self.alive) >= MAX_PEERS):
-            self.ledger.dropped(robot, "alive", 0, reason="too_many_peers")
-            return
-        if robot not in self.alive:
-            self.alive[robot] = set()
-            self._outputs.append(PeersChanged(robot, True))
-            for suffix, payload in self._said.items():
-                self._put(suffix, payload)
-        self.alive[robot].add((epoch, instance))
-        self.ask_list(robot, now_s=now_s)
-        self._ask_due(now_s)
-
-    def on_gone(self, robot: str, epoch: int, instance: str) -> None:
-        """A peer's liveliness token vanished: its map stays, and it is absent."""
-        tokens = self.alive.get(robot, set())
-        tokens.discard((epoch, instance))
-        if robot in self.alive and not tokens:
-            del self.alive[robot]
-            self._listed.discard(robot)
-            self._mismatch.pop(robot, None)
-            self.teammates.gone(robot)
-            self._catchup.peer_gone(robot)
-            self._outputs.append(PeersChanged(robot, False))
-
-    def on_query(self, suffix: str, payload: bytes, *, robot: str = "?") -> list[bytes]:
-        """The replies to a query under the own key ``suffix``: ``snapshot``, ``revisions`` or ``mirror/<robot>``."""
-        kind = suffix.partition("/")[0]
-        self.ledger.received(robot, f"{kind}?", len(payload))
-        try:
-            replies = self._answer(suffix, payload, robot)
-        except (WireError, ConfigError) as error:
-            self.ledger.dropped(robot, f"{kind}?", len(payload), reason=_short(error))
-            return []
-        for reply in replies:
-            self.ledger.sent("list" if suffix == "revisions" else "repair", len(reply))
-        return replies
-
-    def on_reply(self, ask_id: int, payload: bytes, *, now_s: float) -> None:
-        """A reply to an ``Ask``."""
-        about = self._catchup.about(ask_id)
-        peer = about[1] if about else "?"
-        self.ledger.received(peer, "reply", len(payload))
-        try:
-            if about is None:
-                raise WireError(robot=peer, size_bytes=len(payload), reason="late")
-            author, epoch = about[0]
-            message = envelope.decode(payload, robot=peer)
-            if epoch == LIST and isinstance(message, RevisionList):
-                self._on_list(peer, message, now_s)
-            elif epoch != LIST and isinstance(message, Record | SnapshotChunk) and message.epoch == epoch:
-                self._on_revision(author, message, payload, now_s)
-            else:
-                raise WireError(robot=peer, size_bytes=len(payload), reason="not what was asked")
-        except WireError as error:
-            self.ledger.dropped(peer, "reply", len(payload), reason=_short(error))
-        self._ask_due(now_s)
-
-    def on_reply_end(self, ask_id: int, *, now_s: float) -> None:
-        """No more replies to an ``Ask`` will come."""
-        self._catchup.ended(ask_id, now_s)
 
     def tick(self, now_s: float) -> None:
         """Send the heartbeat and the questions that are due. Call it some ten times a second."""
         if now_s >= self._heartbeat_due_s:
             self._heartbeat_due_s = now_s + self._heartbeat_s
-            heartbeat = Heartbeat(self.own.epoch, self.own.seq, self.holdings.held_hash())
-            self._put("digest", envelope.encode(heartbeat))
-        if self._waiting and self._quota.may_send(now_s):
+            self._put("digest", envelope.encode(Heartbeat(self.own.seq, self.holdings.held_hash())))
+        if self._waiting_maps and self._quota.may_send(now_s):
             try:
                 self.send_waiting(now_s)
             except ConfigError as error:  # who published it is told at the next call
                 self._refused = error
+        if self._contest and now_s >= self._contested_s + CONTEST_S:
+            self._contest, self._contested_s = False, now_s
+            self._commit(even_if_nothing=True)
         self._ask_due(now_s)
 
     def take_outputs(self) -> list[Output]:
-        """What came out since the last call, in order."""
+        """What came out since the last call, in order. To be called after each of the others."""
         outputs, self._outputs = self._outputs, []
         return outputs
 
     # What is known
 
-    def ask_list(self, robot: str, *, now_s: float) -> None:
-        """Ask a living peer which revisions it holds."""
-        self._listed.discard(robot)
-        self._catchup.want((robot, LIST), now_s)
+    def ask_lists(self, *, now_s: float) -> None:
+        """Ask all that are there what they hold."""
+        for key, neighbour in self.neighbours.by_key.items():
+            neighbour.listed = False
+            self._catchup.want_list(key, now_s)
 
     def lacking(self) -> list[str]:
         """What is still missing of what living peers hold, in words; empty when this robot is in step."""
-        unlisted = [f"the list of {robot}" for robot in sorted(self.alive) if robot not in self._listed]
-        behind = [key for key in self._catchup.announced_keys() if self._behind(key)]
-        return unlisted + [f"{robot} epoch {epoch}" for robot, epoch in behind]
+        unlisted = [n.key for n in self.neighbours.by_key.values() if not n.listed and not n.mute]
+        waited = [key for key in sorted(self._claimed_streams()) if self._behind(key, waiting=True)]
+        return [
+            *(f"the list of {robot}" for robot, _ in sorted(unlisted)),
+            *(f"{robot} life {life:016x}" for robot, life in waited),
+            *(f"{text}; forget({robot!r}) leaves it out" for robot, text in sorted(self.disputed().items())),
+        ]
 
-    # How it works
+    def disputed(self) -> dict[str, str]:
+        """Robots whose maps the others don't agree about, and who says what; those that are left out don't count."""
+        left_out = self.holdings.left_out()
+        told: dict[str, str] = {}
+        for replica in self.holdings.replicas.values():
+            stream = replica.stream
+            if not replica.kept or stream.seq == 0 or stream.key in left_out:
+                continue
+            life = f"{stream.robot} life {stream.life:016x} seq {stream.seq}"
+            if replica.forked:
+                told[stream.robot] = f"{life} is disputed: its author has said two things; its next word decides"
+            elif stream.key not in self.neighbours:
+                claims = self.neighbours.holders(stream.key)
+                if sides := contradictions(claims, stream.revision, self.robot):
+                    who = "; ".join(f"{', '.join(names)}: digest {digest:016x}" for digest, names in sides.items())
+                    told[stream.robot] = f"{life} is disputed: its author is absent, and {who}"
+        return told
 
-    def _check_reach(
-        self, *, header: Header | None = None, submaps: Mapping[str, Submap], submap: str | None = None
-    ) -> None:
-        after = replace(self.own, header=header or self.own.header, submaps=submaps)
-        check_reach(self.own, after, self.holdings.streams(), submap=submap)
+    # How it works: what is heard
 
-    def _commit(self, *, header: Header | None = None, submaps: Mapping[str, Submap] | None = None) -> bool:
-        old = self.own
-        record = self.author.commit(header=header, submaps=submaps)
-        if record is None:
-            return False
-        self._put("delta", record)
-        self._said_bytes = len(record)
-        self._outputs.extend(changed_events(old, self.own))
-        return True
-
-    def _say(self, suffix: str, payload: bytes) -> None:
-        """Publish something that is said again to every robot that appears."""
-        self._said[suffix] = payload
-        self._put(suffix, payload)
-
-    def _put(self, suffix: str, payload: bytes) -> None:
-        self.ledger.sent(suffix, len(payload))
-        self._outputs.append(Put(suffix, payload))
-
-    def _on_message(self, robot: str, suffix: str, raw: bytes, message: Message, now_s: float) -> None:
-        match suffix, message:
-            case "delta", Record():
-                self._on_revision(robot, message, raw, now_s)
-            case "digest", Heartbeat(epoch, seq, held):
-                self._announced((robot, epoch), seq, robot, now_s + GRACE_S)
-                self._compare_held(robot, held, now_s)
-            case ("pose", PoseMessage() as said) | ("goal", GoalMessage() as said):
-                self.teammates.hear(robot, said, now_s)
-            case _:
-                raise WireError(robot=robot, size_bytes=len(raw), reason="wrong key")
-
-    def _on_revision(self, robot: str, message: Record | SnapshotChunk, raw: bytes, now_s: float) -> None:
-        """A record or a part of a snapshot, by whatever way it came."""
-        key = (robot, message.epoch)
-        if message.seq == 0 or not self.holdings.keeps(key):
-            raise WireError(robot=robot, size_bytes=len(raw), reason="stream not kept")
-        if key not in self.holdings.replicas:
-            self.holdings.replicas[key] = Replica(Stream(*key))
-            # Now, and not when a record fits: one that never does would keep the place.
-            self._dropped(self.holdings.drop_oldest(robot))
-        replica = self.holdings.replicas[key]
-        before = replica.stream
-        outcome = replica.offer(message, raw) if isinstance(message, Record) else replica.offer_chunk(message)
-        if outcome is Outcome.APPLIED:
-            self._outputs.extend(changed_events(before, replica.stream))
-            if robot not in self.alive and before.seq > 0:
-                self._outputs.append(Detour(robot))
-            if before.header != replica.stream.header:
-                self._drop_revoked()
-            if not self._behind(key):
-                self._catchup.settled(key)
-        elif outcome is not Outcome.DUPLICATE and isinstance(message, Record):
-            due_s = now_s if outcome is Outcome.REFUSED else now_s + GRACE_S
-            self._announced(key, message.seq, robot, due_s)
-        if outcome in (Outcome.DUPLICATE, Outcome.REFUSED):
-            raise WireError(robot=robot, size_bytes=len(raw), reason=outcome.value)
-
-    def _on_list(self, peer: str, message: RevisionList, now_s: float) -> None:
-        self._listed.add(peer)
-        self._catchup.settled((peer, LIST))
-        self._catchup.forget_announced(peer)
-        for robot, revision in message.revisions:
-            if robot == self.robot and not self._is_older_life(revision):
-                if revision.epoch < CLAIMED_EPOCHS:
-                    self._restart(revision.epoch + 1)
-            elif (robot, revision.epoch) != (self.robot, self.own.epoch):
-                self._announced((robot, revision.epoch), revision.seq, peer, now_s, digest=revision.digest)
-
-    def _is_older_life(self, revision: Revision) -> bool:
-        """Whether the own name can have had this revision: in an earlier epoch, or in this one."""
-        if revision.epoch != self.own.epoch:
-            return revision.epoch < self.own.epoch
-        return revision.seq < self.own.seq or revision == self.own.revision
-
-    def _restart(self, epoch: int) -> None:
-        """Go on under a new epoch: someone holds a stream of this name that the own one can't follow."""
-        record = self.author.restart(epoch)
-        self._outputs.append(EpochChanged(epoch))
-        if record is not None:
-            self._put("delta", record)
-        self._outputs.extend(changed_events(Stream(self.robot, epoch), self.own))
-        self._drop_revoked()
-
-    def _announced(self, key: Key, seq: int, holder: str, due_s: float, *, digest: int | None = None) -> None:
-        """``holder`` says that it holds this much; ask for it at ``due_s`` if that is news then."""
-        if seq == 0 or not self.holdings.keeps(key):
+    def _on_message(self, key: Key, kind: str, payload: bytes, now_s: float) -> None:
+        robot, _ = key
+        self._check_allowed(robot, payload)
+        if kind == "delta":
+            self._check_work(key, payload, now_s)
+            self._budget(key).spend(len(payload))
+        message = envelope.decode(payload, robot=robot)
+        if key == self.own.key:
+            self._on_own_word(message, payload)
             return
+        neighbour = self.neighbours.by_key.get(key)
+        match kind, message:
+            case "delta", Record():
+                self._on_words(key, message, payload, now_s, speaker=key)
+            case "digest", Heartbeat(seq, held):
+                if neighbour is not None:
+                    self._claims(neighbour, key, Revision(key[1], seq, 0), now_s + GRACE_S, now_s)
+                    if neighbour.differs(held, self.holdings.held_hash(), now_s):
+                        neighbour.listed = False
+                        self._catchup.want_list(key, now_s)
+            case ("pose", PoseMessage() as said) | ("goal", GoalMessage() as said):
+                self.teammates.hear(key, said, now_s)
+            case _:
+                raise WireError(robot=robot, size_bytes=len(payload), reason="wrong key")
+        if neighbour is not None:
+            self._spoke(neighbour)
+
+    def _on_own_word(self, message: object, payload: bytes) -> None:
+        """Somebody speaks in this life's name: a stranger, or a copy of this process' memory or disk."""
+        if isinstance(message, Record) and message.seq <= self.author.chain.revisions:
+            own = self.own.revision
+            genuine = message.link == self.author.chain.link(message.seq)
+            if genuine and (message.seq > own.seq or (message.seq == own.seq and message.check != own.check)):
+                self.author.skip_to(message.seq)
+                self._contest = True
+        raise WireError(robot=self.robot, size_bytes=len(payload), reason="claimed: the own life")
+
+    def _on_words(
+        self, key: Key, message: Record | SnapshotChunk, raw: bytes, now_s: float, *, speaker: Key
+    ) -> Outcome:
+        """A record or a part of a snapshot, by whatever way it came: from its author, or from a mirror."""
+        robot, by_author = key[0], speaker == key
         replica = self.holdings.replicas.get(key)
-        if holder == key[0] and digest is not None and replica and seq == replica.stream.seq:
-            replica.suspect |= digest != replica.stream.digest
-        lives = {epoch for epoch, _ in self.alive.get(holder, ())}
-        # A late word of an author's earlier life: only a list says whether that robot still holds it.
-        if lives and (holder != key[0] or digest is not None or key[1] in lives):
-            self._catchup.announced(key, holder, seq)
+        known = replica is not None
+        if replica is None:
+            # Kept only once it has said something that holds: who invents streams fills no table.
+            replica = Replica(Stream(*key))
+        target = most_held({**self.neighbours.holders(key), self.own.key: replica.stream.revision})
+        try:
+            if isinstance(message, Record):
+                outcome = replica.offer(message, raw, self._limits, by_author=by_author)
+            else:
+                outcome = replica.offer_chunk(message, self._limits, by_author=by_author, instead=target)
+        except WireError as error:
+            if not error.reason.startswith("claimed"):
+                # Decoded, and in vain: the author's words don't fit what is held, or a mirror lies.
+                self._budget(speaker).spend(REFUSED_COUNTS * len(raw))
+                if by_author:
+                    self._announced(key, message.seq, now_s)
+            raise
+        if not known and (replica.stream.seq > 0 or not isinstance(message, Record)):
+            self.holdings.replicas[key] = replica
+            self._dropped(self.holdings.find_room(self._present, newcomer=key))
+        for step in replica.take_steps():
+            self._moved(step)
+        match outcome:
+            case Outcome.APPLIED:
+                if robot not in self.neighbours.robots() and not by_author and known:
+                    self._outputs.append(Detour(robot))
+                if not self._behind(key):
+                    self._catchup.settled(key)
+            case Outcome.EARLY:
+                if isinstance(message, Record) and by_author:
+                    self._announced(key, message.seq, now_s + GRACE_S)
+                if lost := self.holdings.bound_waiting():
+                    self.ledger.dropped(robot, "early", lost, reason="no room")
+            case Outcome.FORKED:
+                raise WireError(robot=robot, size_bytes=len(raw), reason="claimed: other bytes under the same seq")
+            case Outcome.DUPLICATE:
+                raise WireError(robot=robot, size_bytes=len(raw), reason="duplicate")
+        return outcome
+
+    def _moved(self, step: Step) -> None:
+        """A replica has taken a step."""
+        robot = step.after.robot
+        # A step with facts may leave other streams out, or bring them back.
+        facts_changed = step.before.facts != step.after.facts
+        self._outputs.extend(changed_events(step))
+        self._settle(robot)
+        if facts_changed:
+            if step.after.forgets.get(self.own.key) == self.own.state:
+                self._contest = True  # whoever lives is in the map
+            if step.after.robot == self.robot and step.after.supersedes.get(self.own.life) == self.own.state:
+                self._contest = True
+
+    def _on_list(self, neighbour: Neighbour, message: RevisionList, now_s: float) -> None:
+        claims: dict[Key, Revision] = {}
+        for robot, revision in message.revisions:
+            key = (robot, revision.life)
+            if revision.seq > 0 and (self._allow is None or robot in self._allow):
+                claims[key] = revision
+        before = neighbour.claims
+        self.neighbours.say(neighbour, claims)
+        for key, revision in claims.items():
+            if key == self.own.key:
+                self._on_own_row(neighbour, revision, now_s)
+                continue
+            if before.get(key) != revision:
+                self._catchup.renewed(About(neighbour.key, key), now_s)
+            if self._behind(key):
+                # Of an absent author the others may say something else: their lists come first.
+                known = key in self.neighbours or key in self.holdings.replicas
+                self._catchup.want(key, now_s if known else now_s + GRACE_S)
+
+    def _on_own_row(self, neighbour: Neighbour, revision: Revision, now_s: float) -> None:
+        """A peer holds another state of the own life than is held here: perhaps this life has come to it."""
+        own = self.own.revision
+        if revision.seq == own.seq and revision.digest != own.digest:
+            self._contest = True
+        elif own.seq < revision.seq <= self.author.chain.revisions:
+            self._catchup.want(self.own.key, now_s)
+
+    def _on_reply(self, ask_id: int, about: About | None, payload: bytes, now_s: float) -> None:
+        if about is None:
+            raise WireError(robot="?", size_bytes=len(payload), reason="late")
+        name = about.peer[0]
+        neighbour = self.neighbours.by_key.get(about.peer)
+        if about.stream is not None:
+            self._check_work(about.peer, payload, now_s)
+        message = envelope.decode(payload, robot=name)
+        if about.stream is None and isinstance(message, RevisionList) and neighbour is not None:
+            self._catchup.helped(ask_id, now_s)
+            self._spoke(neighbour)
+            self._on_list(neighbour, message, now_s)
+        elif about.stream is not None and isinstance(message, Record | SnapshotChunk):
+            if about.stream == self.own.key:
+                self._on_own_proof(message)
+                return
+            self._on_words(about.stream, message, payload, now_s, speaker=about.peer)
+            self._catchup.helped(ask_id, now_s)
+            if neighbour is not None:
+                self._spoke(neighbour)
+        else:
+            raise WireError(robot=name, size_bytes=len(payload), reason="not what was asked")
+
+    def _on_own_proof(self, message: Record | SnapshotChunk) -> None:
+        """What a peer holds of the own life: if its link is right, this life has said it, and goes on behind it."""
+        chain, seq = self.author.chain, message.seq
+        if self.own.seq < seq <= chain.revisions and message.link == chain.link(seq):
+            self.author.skip_to(seq)
+            self._contest = True
+        self._catchup.settled(self.own.key)
+
+    def _on_reply_end(self, ask_id: int, now_s: float) -> None:
+        about = self._catchup.ended(ask_id, now_s)
+        if about is not None and about.stream is None:
+            neighbour = self.neighbours.by_key.get(about.peer)
+            if neighbour is not None:
+                neighbour.unanswered += 1
+                if not neighbour.listed:
+                    self._catchup.want_list(about.peer, now_s)
+
+    # How it works: who is there
+
+    def _on_alive(self, key: Key, now_s: float) -> None:
+        robot, _ = key
+        if key == self.own.key:
+            return
+        if not NAME.fullmatch(robot) or (self._allow is not None and robot not in self._allow):
+            self.ledger.dropped(robot, "alive", 0, reason="claimed: not allowed")
+            return
+        neighbour = self.neighbours.add(key)
+        if neighbour is None:
+            self.ledger.dropped(robot, "alive", 0, reason="too_many_peers")
+            return
+        self._catchup.want_list(key, now_s)
+        self._settle(robot)
+
+    def _on_gone(self, key: Key) -> None:
+        """Its map stays, and it is absent."""
+        robot, _ = key
+        neighbour = self.neighbours.remove(key)
+        if neighbour is None:
+            return
+        self._catchup.peer_gone(key)
+        if neighbour.spoke and robot not in self.neighbours.robots():
+            self.teammates.gone(robot)
+            self._outputs.append(PeersChanged(robot, False))
+        self._settle(robot)
+        if self.neighbours.refused:
+            self.neighbours.refused = False
+            self._outputs.append(LookAgain())
+
+    def _spoke(self, neighbour: Neighbour) -> None:
+        neighbour.unanswered = 0
+        if neighbour.spoke:
+            return
+        robot = neighbour.key[0]
+        new = robot not in self.neighbours.robots()
+        neighbour.spoke = True
+        for kind, payload in self._said.items():
+            self._put(kind, payload)
+        if new:
+            self._outputs.append(PeersChanged(robot, True))
+
+    # How it works: what is missing
+
+    def _claims(self, neighbour: Neighbour, key: Key, revision: Revision, due_s: float, now_s: float) -> None:
+        """An author says how far it is; its digest isn't said, and not asked for as long as the seq is right."""
+        known = neighbour.claims.get(key)
+        if known is None or known.seq != revision.seq:
+            neighbour.claims[key] = revision
+            self._catchup.renewed(About(neighbour.key, key), now_s)
         if self._behind(key):
             self._catchup.want(key, due_s)
 
-    def _behind(self, key: Key) -> bool:
-        return bool(self._catchup.ahead(key, self.holdings.held_seq(key)))
+    def _announced(self, key: Key, seq: int, due_s: float) -> None:
+        """An author's word that can't be used yet shows that there is more."""
+        neighbour = self.neighbours.by_key.get(key)
+        if neighbour is not None:
+            known = neighbour.claims.get(key)
+            if known is None or known.seq < seq:
+                neighbour.claims[key] = Revision(key[1], seq, 0)
+            self._catchup.want(key, due_s)
 
-    def _drop_revoked(self) -> None:
-        self._dropped(self.holdings.drop_revoked())
-        revoked = self.holdings.revoked().get(self.robot, -1)
-        if revoked >= self.own.epoch:
-            self._restart(revoked + 1)
+    def _claimed_streams(self) -> set[Key]:
+        return {key for n in self.neighbours.by_key.values() for key in n.claims}
+
+    def _behind(self, key: Key, *, waiting: bool = False) -> bool:
+        return bool(self._holders(key, waiting=waiting))
+
+    def _holders(self, key: Key, *, waiting: bool = False) -> list[Key]:
+        """Whom to ask about a stream, in the order of preference: its author, then who holds what most names hold.
+
+        Parameters
+        ----------
+        waiting : leave out those that were asked in vain
+        """
+        claims = self.neighbours.holders(key)
+        if waiting:
+            claims = {peer: r for peer, r in claims.items() if not self._catchup.in_vain(About(peer, key))}
+        if key == self.own.key:
+            return sorted(peer for peer, revision in claims.items() if revision.seq > self.own.seq and not waiting)
+        held, replica = self.holdings.held(key).revision, self.holdings.replicas.get(key)
+        peers = [peer for peer, r in claims.items() if r.seq > held.seq and not self.holdings.was_dropped(key, r)]
+        if key in self.neighbours:
+            said = claims.get(key)
+            # Its own list says other bytes than are held: once for each seq that may set them right.
+            other = said is not None and said.digest and said.seq == held.seq and said.digest != held.digest
+            if other and replica is not None and not replica.corrected:
+                peers.append(key)
+        elif replica is not None and not replica.heard and not peers:
+            # With the own name, or two peers would change sides for ever.
+            best = most_held({**claims, self.own.key: held})
+            if best is not None and best.seq == held.seq and best.digest != held.digest:
+                peers = [peer for peer, revision in claims.items() if revision == best]
+        return sorted(peers, key=lambda peer: (peer != key, -claims[peer].seq, peer))
+
+    def _ask_due(self, now_s: float) -> None:
+        for about in self._catchup.due(now_s, self._holders):
+            robot, life = about.peer
+            if about.stream is None:
+                kind, payload = "revisions", b""
+            else:
+                kind = "snapshot" if about.peer == about.stream else "mirror"
+                if about.stream == self.own.key:
+                    want = Want(self.robot, self.own.revision)
+                else:
+                    replica = self.holdings.replicas.get(about.stream)
+                    name, other = about.stream
+                    want = replica.want() if replica is not None else Want(name, Revision(other, 0, 0))
+                payload = envelope.encode(want)
+            self.ledger.sent("want", len(payload))
+            self._outputs.append(Ask(self._catchup.sent(about, now_s), robot, life, kind, payload))
+
+    # How it works: what is answered
+
+    def _on_query(self, kind: str, payload: bytes, now_s: float) -> list[bytes]:
+        self.ledger.received("?", f"{kind}?", len(payload))
+        try:
+            replies = self._answer(kind, payload)
+            if self._answers.left(now_s) <= 0:
+                raise WireError(robot="?", size_bytes=len(payload), reason="too many questions")
+        except (WireError, ConfigError) as error:
+            self.ledger.dropped("?", f"{kind}?", len(payload), reason=_short(error))
+            return []
+        for reply in replies:
+            self._answers.spend(len(reply))
+            self.ledger.sent("list" if kind == "revisions" else "repair", len(reply))
+        return replies
+
+    def _answer(self, kind: str, payload: bytes) -> list[bytes]:
+        if kind == "revisions":
+            return [envelope.encode(RevisionList(tuple((s.robot, s.revision) for s in self.holdings.streams())))]
+        want = envelope.decode(payload, robot="?")
+        if not isinstance(want, Want):
+            raise WireError(robot="?", size_bytes=len(payload), reason="not a question")
+        key = (want.robot, want.revision.life)
+        if key == self.own.key:
+            return answer(self.own, self.author.log, want, self._snapshots)
+        replica = self.holdings.replicas.get(key)
+        if replica is None or not replica.kept:
+            raise WireError(robot="?", size_bytes=len(payload), reason="stream not held")
+        return answer(replica.stream, replica.log, want, self._snapshots)
+
+    # How it works: what is said
+
+    def _commit(
+        self,
+        *,
+        facts: FactsStep | None = None,
+        submaps: Mapping[str, VectorMap] | None = None,
+        even_if_nothing: bool = False,
+    ) -> bool:
+        life = self.own.life
+        said = self.author.commit(facts=facts, submaps=submaps, even_if_nothing=even_if_nothing)
+        if said is None:
+            return False
+        record, step = said
+        if self.own.life != life:
+            self._outputs.append(LifeChanged(self.own.life))
+        self._put("delta", record)
+        self._said_bytes = len(record)
+        self._outputs.extend(changed_events(step))
+        return True
+
+    def _say(self, kind: str, payload: bytes) -> None:
+        """Publish something that is said again to every robot that appears."""
+        self._said[kind] = payload
+        self._put(kind, payload)
+
+    def _put(self, kind: str, payload: bytes) -> None:
+        self.ledger.sent(kind, len(payload))
+        self._outputs.append(Put(self.own.life, kind, payload))
+
+    def _after(self, facts: FactsStep, maps: Mapping[str, VectorMap]) -> Stream:
+        own = self.own
+        return Stream(own.robot, own.life, own.seq, own.facts.after(facts), {**own.submaps, **maps}, own.link)
+
+    def _check_reach(self, facts: FactsStep, maps: Mapping[str, VectorMap], *, submap: str | None = None) -> None:
+        check_reach(self.own, self._after(facts, maps), self._merged_streams(), submap=submap)
+
+    def _check_density(self, maps: Mapping[str, VectorMap], submap: str) -> None:
+        others = sum(len(m) for name, m in {**self.own.submaps, **maps}.items() if name != submap)
+        reason = check_density(
+            maps[submap],
+            max_edges=self._limits.edges - others,
+            max_edges_in_square=self._limits.edges_in_square,
+        )
+        if reason is not None:
+            raise ConfigError(option="map", value=f"submap {submap}", reason=f"{reason}: no peer would take it")
+
+    def _supersede_former(self) -> FactsStep:
+        """The step that ends the own former lives that are held, but for those that go on beside this one."""
+        former = {
+            life: replica.stream.state
+            for (robot, life), replica in self.holdings.replicas.items()
+            if robot == self.robot and replica.stream.seq > 0 and (robot, life) not in self.neighbours
+        }
+        return supersede(former)
+
+    # How it works: what is kept
+
+    def _settle(self, robot: str) -> None:
+        """Keep of a robot's lives what is to be kept, and name the own ones."""
+        self._dropped(self.holdings.settle(robot, lambda life: (robot, life) in self.neighbours))
+        self._dropped(self.holdings.find_room(self._present))
+        if robot == self.robot:
+            names = self.holdings.names(lambda life: (robot, life) in self.neighbours)
+            if names != self.own.names:
+                self._commit(facts=name_lives(self.own.facts, names))
+
+    def _present(self, key: Key) -> bool:
+        neighbour = self.neighbours.by_key.get(key)
+        return neighbour is not None and neighbour.spoke
 
     def _dropped(self, streams: Iterable[Stream]) -> None:
         for stream in streams:
-            self._catchup.stream_gone((stream.robot, stream.epoch))
-            self._outputs.append(Changed((stream.robot, stream.epoch, ""), None, 0, stream.edges, stream.revision))
+            self._catchup.stream_gone(stream.key)
+            self._outputs.append(gone_event(stream))
 
-    def _compare_held(self, robot: str, held: int, now_s: float) -> None:
-        """Ask for a peer's list when two heartbeats in a row differ from an unchanged own hash."""
-        seen = (held, self.holdings.held_hash())
-        if held == seen[1]:
-            self._mismatch.pop(robot, None)
-        elif robot in self.alive and self._mismatch.get(robot) == seen:
-            self.ask_list(robot, now_s=now_s)
-        elif robot in self.alive:
-            self._mismatch[robot] = seen
+    def _merged_streams(self) -> list[Stream]:
+        left_out = self.holdings.left_out()
+        return [s for s in self.holdings.streams() if s.key not in left_out]
 
-    def _ask_due(self, now_s: float) -> None:
-        for key, attempt in self._catchup.due(now_s):
-            robot, epoch = key
-            if epoch == LIST:
-                peer, suffix, payload = robot, "revisions", b""
-            else:
-                peers = self._catchup.ahead(key, self.holdings.held_seq(key))
-                if not peers:
-                    self._catchup.settled(key)
-                    continue
-                peer = peers[attempt % len(peers)]
-                suffix = "snapshot" if peer == robot else f"mirror/{robot}"
-                replica = self.holdings.replicas.get(key)
-                payload = envelope.encode(Want(replica.held if replica else Revision(epoch, 0, 0)))
-            self.ledger.sent("want", len(payload))
-            self._outputs.append(Ask(self._catchup.sent(key, peer, now_s), peer, suffix, payload))
+    def _tell_left_out(self, before: set[Key]) -> None:
+        streams = {s.key: s for s in self.holdings.streams()}
+        changed = [streams[key] for key in sorted(before ^ self.holdings.left_out()) if key in streams]
+        self._outputs.extend(no_edge_changed(stream) for stream in changed)
 
-    def _answer(self, suffix: str, payload: bytes, robot: str) -> list[bytes]:
-        if suffix == "revisions":
-            revisions = tuple((s.robot, s.revision) for s in self.holdings.streams())
-            return [envelope.encode(RevisionList(revisions))]
-        want = envelope.decode(payload, robot=robot)
-        if not isinstance(want, Want):
-            raise WireError(robot=robot, size_bytes=len(payload), reason="not a question")
-        kind, _, author = suffix.partition("/")
-        if kind == "snapshot" and want.revision.epoch == self.own.epoch:
-            return answer(self.own, self.author.log, want.revision)
-        replica = self.holdings.replicas.get((author if kind == "mirror" else self.robot, want.revision.epoch))
-        if replica is None or replica.suspect:
-            raise WireError(robot=robot, size_bytes=len(payload), reason="stream not held")
-        return answer(replica.stream, replica.log, want.revision)
+    # How it works: bounds
+
+    def _check_allowed(self, robot: str, payload: bytes) -> None:
+        if not NAME.fullmatch(robot) or (self._allow is not None and robot not in self._allow):
+            raise WireError(robot=robot, size_bytes=len(payload), reason="claimed: not allowed")
+
+    def _budget(self, speaker: Key) -> Budget:
+        """What a speaker may have decoded; names that nobody knows share one, for there are endlessly many."""
+        known = speaker in self.holdings.replicas or self._present(speaker)
+        return self._work.of(speaker[0] if known else "")
+
+    def _check_work(self, speaker: Key, payload: bytes, now_s: float) -> None:
+        if self._budget(speaker).left(now_s) <= 0:
+            raise WireError(robot=speaker[0], size_bytes=len(payload), reason="claimed: too much work")
+
+    def _count(self, robot: str, kind: str, payload: bytes, work: object) -> None:
+        self.ledger.received(robot, kind, len(payload))
+        try:
+            work()  # type: ignore[operator]
+        except WireError as error:
+            self.ledger.dropped(robot, kind, len(payload), reason=_short(error))
 
 
 def _millimetres(option: str, point_xy: tuple[float, float]) -> tuple[int, int]:

@@ -1,29 +1,45 @@
-"""All streams that a peer holds: its own, and the replicas of the others, bounded and revocable."""
+"""All streams that a peer holds: its own, and the replicas of the others, bounded."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 
-from fleetmap.codecs.messages import CLAIMED_EPOCHS
+from fleetmap.codecs.facts import State
+from fleetmap.codecs.messages import Revision
 from fleetmap.engine.author import Author
-from fleetmap.engine.catchup import Key
+from fleetmap.engine.lives import all_named, kept_lives
 from fleetmap.engine.replica import Replica
-from fleetmap.engine.stream import Stream
+from fleetmap.engine.stream import Key, Stream
 from fleetmap.model.hashing import hash_ints, hash_text
 
 SALT_HELD = 18
-OLDER_EPOCHS = 4
-"""Streams kept of a robot's earlier lives."""
 MAX_STREAMS = 1024
+MAX_EDGES_HELD = 4 << 20
+"""Of all replicas together; 100 MB."""
+MAX_WAITING_BYTES = 8 << 20
+"""Early records and parts of snapshots, of all streams together."""
+MAX_DROPPED = 4096
+
+_MASK = (1 << 64) - 1
 
 
 @dataclass(slots=True)
 class Holdings:
-    """The own stream and the replicas. An author's earlier epochs stay, as maps of an absent robot."""
+    """The own stream and the replicas. Lives of a robot that lives no more stay, as maps of an absent one.
+
+    Attributes
+    ----------
+    hidden : streams that the user has this peer forget, as they were then
+    """
 
     author: Author
     replicas: dict[Key, Replica] = field(default_factory=dict)
+    hidden: dict[Key, State] = field(default_factory=dict)
+    _dropped: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
+    """Not asked for again as they were: whoever still offers them has not heard yet why they go."""
 
     @property
     def own(self) -> Stream:
@@ -31,51 +47,99 @@ class Holdings:
         return self.author.stream
 
     def streams(self) -> list[Stream]:
-        """All streams that are held, the own one too, ascending by robot and epoch. Any thread may call it."""
-        held = [self.own, *(r.stream for r in list(self.replicas.values()) if r.stream.seq > 0)]
-        return sorted(held, key=lambda s: (s.robot, s.epoch))
+        """All streams that are kept, the own one too, ascending by robot and life. Any thread may call it."""
+        kept = [r.stream for r in list(self.replicas.values()) if r.kept and r.stream.seq > 0]
+        return sorted([self.own, *kept], key=lambda s: s.key)
 
     def held_hash(self) -> int:
-        """One hash over the revisions of all streams that are held: peers with equal hashes hold the same."""
-        total = sum(hash_ints((s.epoch, s.seq, s.digest), hash_text(s.robot, SALT_HELD)) for s in self.streams())
-        return total & ((1 << 64) - 1)
+        """One hash over the revisions of all streams that are kept: peers with equal hashes hold the same."""
+        return sum(_revision_hash(s.robot, s.revision) for s in self.streams()) & _MASK
 
-    def held_seq(self, key: Key) -> int:
-        """How far a replica is; 0 if there is none, or if it is suspect."""
+    def held(self, key: Key) -> Stream:
+        """A replica's stream; with seq 0 if there is none."""
         replica = self.replicas.get(key)
-        return replica.stream.seq if replica and not replica.suspect else 0
+        return replica.stream if replica is not None else Stream(*key)
 
-    def keeps(self, key: Key) -> bool:
-        """Whether there may be such a replica: not the own stream, not revoked, not too old, not one too many."""
-        robot, epoch = key
-        if key in self.replicas:
-            return True
-        newer = sum(name == robot and e > epoch for name, e in self.replicas)
-        return (
-            key != (self.own.robot, self.own.epoch)
-            and epoch > self.revoked().get(robot, -1)
-            and newer <= OLDER_EPOCHS
-            and len(self.replicas) < MAX_STREAMS
-        )
+    def was_dropped(self, key: Key, revision: Revision) -> bool:
+        """Whether this very revision was dropped, and isn't wanted back."""
+        return self._dropped.get(key) == revision
 
-    def revoked(self) -> dict[str, int]:
-        """Robot -> the highest of its epochs that some author revoked."""
-        revoked: dict[str, int] = {}
-        for stream in self.streams():
-            for robot, epoch in stream.header.forgets:
-                if epoch < CLAIMED_EPOCHS:
-                    revoked[robot] = max(epoch, revoked.get(robot, -1))
-        return revoked
+    def left_out(self) -> set[Key]:
+        """Streams that are kept and not merged: the user, or an operator anywhere, has them forgotten as they are."""
+        streams = {s.key: s for s in self.streams()}
+        here = {key for key, state in self.hidden.items() if key in streams and streams[key].state == state}
+        said = [item for key, s in streams.items() if key not in here for item in s.forgets.items()]
+        return here | {key for key, state in said if key in streams and streams[key].state == state}
 
-    def drop_revoked(self) -> list[Stream]:
-        """Drop the replicas that an author revoked; returns them as they were."""
-        revoked = self.revoked()
-        return self._drop(key for key in list(self.replicas) if key[1] <= revoked.get(key[0], -1))
+    def settle(self, robot: str, lives: Callable[[int], bool]) -> list[Stream]:
+        """Drop the lives of a robot that need not be kept; returns them as they were.
 
-    def drop_oldest(self, robot: str) -> list[Stream]:
-        """Drop a robot's epochs beyond the newest and ``OLDER_EPOCHS`` more; returns them as they were."""
-        epochs = sorted(epoch for name, epoch in self.replicas if name == robot)
-        return self._drop((robot, epoch) for epoch in epochs[: -1 - OLDER_EPOCHS])
+        Parameters
+        ----------
+        lives : whether a life's token is there. A superseded one that lives is held on to: it may go on
+        """
+        replicas = [r for key, r in self.replicas.items() if key[0] == robot and r.stream.seq > 0]
+        own = [self.own] if robot == self.own.robot else []
+        kept = kept_lives([*own, *(r.stream for r in replicas)])
+        gone = []
+        for replica in replicas:
+            was, replica.kept = replica.kept, replica.stream.life in kept
+            if not replica.kept and not lives(replica.stream.life):
+                gone.append(self.drop(replica.key))
+            elif was and not replica.kept:
+                gone.append(replica.stream)
+        return gone
 
-    def _drop(self, keys: Iterable[Key]) -> list[Stream]:
-        return [self.replicas.pop(key).stream for key in keys]
+    def find_room(self, present: Callable[[Key], bool], *, newcomer: Key | None = None) -> list[Stream]:
+        """Drop streams of absent authors, fewest edges first, until the rest has room; returns them as they were.
+
+        If all authors are there, the newcomer goes: holding a replica of somebody vouches for nothing.
+        """
+        gone: list[Stream] = []
+        replicas = self.replicas
+        edges = sum(r.stream.edges for r in replicas.values())
+        while len(replicas) > MAX_STREAMS or edges > MAX_EDGES_HELD:
+            absent = [r.stream for key, r in replicas.items() if not present(key)]
+            if absent:
+                least = min(absent, key=lambda s: (s.edges, s.life, s.robot)).key
+            elif newcomer in replicas:
+                least = newcomer
+            else:
+                break
+            gone.append(self.drop(least))
+            edges -= gone[-1].edges
+        return gone
+
+    def drop(self, key: Key) -> Stream:
+        """Hold a replica no longer; returns it as it was."""
+        stream = self.replicas.pop(key).stream
+        self._dropped[key] = stream.revision
+        self._dropped.move_to_end(key)
+        if len(self._dropped) > MAX_DROPPED:
+            self._dropped.popitem(last=False)
+        return stream
+
+    def has_room(self) -> None:
+        """What was dropped for want of room may be asked for again."""
+        self._dropped.clear()
+
+    def bound_waiting(self) -> int:
+        """Give up early records and parts of snapshots where they take too much; returns how many streams lost some."""
+        lost = 0
+        waiting = {key: size for key, r in self.replicas.items() if (size := r.waiting_bytes)}
+        while sum(waiting.values()) > MAX_WAITING_BYTES:
+            most = max(waiting, key=lambda key: (waiting[key], key))
+            self.replicas[most].forget_waiting()
+            del waiting[most]
+            lost += 1
+        return lost
+
+    def names(self, lives: Callable[[int], bool]) -> set[int]:
+        """The former lives of the own name that the own stream should name: ``lives`` says which go on beside it."""
+        former = [r.stream for (robot, life), r in self.replicas.items() if robot == self.own.robot and not lives(life)]
+        return {life for life in all_named(self.own, [s for s in former if s.seq > 0]) if not lives(life)}
+
+
+@lru_cache(8192)
+def _revision_hash(robot: str, revision: Revision) -> int:
+    return hash_ints((revision.life, revision.seq, revision.digest), hash_text(robot, SALT_HELD))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 
 from fleetmap.codecs.envelope import encode, encode_change
-from fleetmap.codecs.messages import MAX_CHUNK_BYTES, MAX_CHUNKS, Record, Revision, SnapshotChunk
-from fleetmap.engine.stream import Stream, change_between
+from fleetmap.codecs.messages import MAX_CHUNK_BYTES, MAX_CHUNKS, Record, Revision, SnapshotChunk, Want
+from fleetmap.engine.stream import Key, Step, Stream, change_between
 from fleetmap.model.errors import ConfigError
 
 MAX_LOG_BYTES = 1 << 20
 MAX_LOG_RECORDS = 512
 """Bounds of one stream's log; a peer that is farther behind gets a snapshot."""
+MAX_SNAPSHOTS_BYTES = 8 << 20
+"""Encoded snapshots that are remembered, of all streams."""
 
 
 class RecordLog:
@@ -43,15 +45,54 @@ class RecordLog:
         return None
 
 
-def answer(stream: Stream, log: RecordLog, held: Revision) -> list[bytes]:
+class Snapshots:
+    """Encoded snapshots by stream: each revision is encoded once, however many ask for it."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[Key, tuple[Revision, list[bytes]]] = OrderedDict()
+        self._size_bytes = 0
+
+    def of(self, stream: Stream) -> list[bytes]:
+        """The whole stream in chunks; ``ConfigError`` if it is larger than a snapshot may be."""
+        known = self._known.get(stream.key)
+        if known is not None and known[0] == stream.revision:
+            self._known.move_to_end(stream.key)
+            return known[1]
+        chunks = snapshot_messages(stream)
+        if known is not None:
+            self._size_bytes -= sum(map(len, known[1]))
+        self._known[stream.key] = (stream.revision, chunks)
+        self._known.move_to_end(stream.key)
+        self._size_bytes += sum(map(len, chunks))
+        while self._size_bytes > MAX_SNAPSHOTS_BYTES and len(self._known) > 1:
+            self._size_bytes -= sum(map(len, self._known.popitem(last=False)[1][1]))
+        return chunks
+
+    def rest(self, stream: Stream, log: RecordLog, partial: tuple[int, int, int]) -> list[bytes] | None:
+        """The chunks of an earlier snapshot that are still missing, and the records since; None if they are gone."""
+        seq, digest, chunks_held = partial
+        known = self._known.get(stream.key)
+        base = Revision(stream.life, seq, digest)
+        if known is None or known[0] != base:
+            return None
+        records = [] if base == stream.revision else log.since(base)
+        return None if records is None else known[1][chunks_held:] + records
+
+
+def answer(stream: Stream, log: RecordLog, want: Want, snapshots: Snapshots) -> list[bytes]:
     """Messages that lead from what the asker holds to ``stream``: missing records, or a snapshot in chunks."""
-    if stream.seq == 0 or held == stream.revision:
+    held = want.revision
+    if stream.seq == 0 or held == stream.revision or held.seq > stream.seq:
         return []
     records = log.since(held)
     # An edge of a snapshot takes about a byte: records are sent as long as they are no longer than that.
     if records is not None and sum(map(len, records)) <= max(2048, stream.edges):
         return records
-    return snapshot_messages(stream)
+    if want.partial is not None:
+        rest = snapshots.rest(stream, log, want.partial)
+        if rest is not None:
+            return rest
+    return snapshots.of(stream)
 
 
 def snapshot_messages(stream: Stream) -> list[bytes]:
@@ -61,7 +102,7 @@ def snapshot_messages(stream: Stream) -> list[bytes]:
     ------
     ConfigError : the stream is larger than a snapshot may be
     """
-    data = encode_change(change_between(Stream(stream.robot, stream.epoch), stream))
+    data = encode_change(change_between(Stream(stream.robot, stream.life), stream)[0])
     count = max(1, -(-len(data) // MAX_CHUNK_BYTES))
     if count > MAX_CHUNKS:
         raise ConfigError(
@@ -69,12 +110,13 @@ def snapshot_messages(stream: Stream) -> list[bytes]:
             value=f"{len(data)} B",
             reason=f"a robot's map may take {MAX_CHUNKS * MAX_CHUNK_BYTES} B; split it among robots, or coarsen it",
         )
+    seq, digest, size = stream.seq, stream.digest, MAX_CHUNK_BYTES
     return [
-        encode(SnapshotChunk(stream.revision, i, count, data[i * MAX_CHUNK_BYTES : (i + 1) * MAX_CHUNK_BYTES]))
-        for i in range(count)
+        encode(SnapshotChunk(seq, digest, stream.link, i, count, data[i * size : (i + 1) * size])) for i in range(count)
     ]
 
 
-def record_message(old: Stream, new: Stream) -> bytes:
-    """The record that leads from one revision to the next."""
-    return encode(Record(new.epoch, new.seq, new.revision.check, change_between(old, new)))
+def record_message(old: Stream, new: Stream) -> tuple[bytes, Step]:
+    """The record that leads from one revision to the next, and the step."""
+    change, step = change_between(old, new)
+    return encode(Record(new.seq, new.link, new.revision.check, change)), step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fleetmap.codecs.messages import Revision
@@ -9,36 +10,46 @@ from fleetmap.codecs.messages import Revision
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Publish ``payload`` under the own robot's key ``suffix``."""
+    """Publish ``payload`` under the own robot's key ``kind``, as the word of a life."""
 
-    suffix: str
+    life: int
+    kind: str
     payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Query the key ``robot/suffix``; hand replies and the end of the replies back under ``ask_id``."""
+    """Query ``kind`` of a life of a robot; hand replies and the end of the replies back under ``ask_id``."""
 
     ask_id: int
     robot: str
-    suffix: str
+    life: int
+    kind: str
     payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class EpochChanged:
-    """The own stream goes on under a new epoch: an older life of this name was found in the fleet."""
+class Answer:
+    """Reply to a question: ``reply`` is what came with it."""
 
-    epoch: int
+    reply: Callable[[Sequence[bytes]], None]
+    payloads: tuple[bytes, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Changed:
-    """A stream that the engine holds changed.
+class LifeChanged:
+    """The own stream goes on in another life: the one before had said all the revisions that a life has."""
+
+    life: int
+
+
+@dataclass(frozen=True, slots=True)
+class MapChanged:
+    """A stream that the engine keeps changed.
 
     Parameters
     ----------
-    frame : (robot, epoch, submap); submap is "" where only the header changed or the stream was dropped
+    frame : (robot, life, submap); submap is "" where only facts changed or the stream was dropped
     box_m : (x_min, y_min, x_max, y_max) of the changed edges in metres in the robot's map frame; None if no edge
     edges_added, edges_removed : how many
     revision : what the stream is at now
@@ -67,9 +78,9 @@ class Detour:
 
 
 @dataclass(frozen=True, slots=True)
-class NameTaken:
-    """Another living peer has the own name, and came first."""
+class LookAgain:
+    """There is room for peers whose tokens were refused before: look which are there."""
 
 
-Event = EpochChanged | Changed | PeersChanged | Detour | NameTaken
-Output = Put | Ask | Event
+Event = LifeChanged | MapChanged | PeersChanged | Detour | LookAgain
+Output = Put | Ask | Answer | Event

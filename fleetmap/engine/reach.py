@@ -44,7 +44,7 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
     """
 
     def refuse(reason: str) -> ConfigError:
-        start = after.header.start
+        start = after.start
         if submap is not None:
             return ConfigError(option="submap", value=submap, reason=reason)
         return ConfigError(option="start", value=start and start.to_pose(), reason=reason)
@@ -59,7 +59,7 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
             raise refuse(f"start, anchor and origin together: {error}") from error
 
     # 1. Mostly all lies together, and no edge need be looked at.
-    rest = others(after.header, held, before)
+    rest = others(after, held)
     boxes = [box for stream in (after, *rest) if (box := rough_box(stream)) is not None]
     if not boxes or reduce(or_, boxes).extent <= MAX_EXTENT:
         return
@@ -76,7 +76,7 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
 
     # 3. With those that are in the merged map now, or would be.
     sources = sources_of(rest)[0]
-    was_there = before.header.start is not None and before.header.level == after.header.level
+    was_there = before.start is not None and before.level == after.level
     own_now = sources_of([before])[0] if was_there else []
     now, then = (canonical([*sources, *those]) for those in (own_now, own))
     kept = {frame for found in (now, then) for frames in found.frames for frame in frames}
@@ -86,10 +86,10 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
         there = Box.of(_points(source))
         for box in step.values():
             if (extent := (box | there).extent) > MAX_EXTENT:
-                robot, epoch, name = source.frame
+                robot, life, name = source.frame
                 raise refuse(
-                    f"together with submap {name} of {robot} (epoch {epoch}) it extends {in_metres(extent)}; {LIMIT}. "
-                    f"Is the start right? If the other map is wrong, forget({robot!r}) drops it"
+                    f"together with submap {name} of {robot} (life {life:016x}) it extends {in_metres(extent)}; "
+                    f"{LIMIT}. Is the start right? If the other map is wrong, forget({robot!r}) drops it"
                 )
 
 

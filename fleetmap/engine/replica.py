@@ -1,4 +1,8 @@
-"""What a peer holds of one author's stream: always some revision that the author really had."""
+"""What a peer holds of one author's stream: always some revision that the author has come to.
+
+Who has said it matters. What the author said is replaced by the author alone; what came from a mirror, while the
+author couldn't be heard, may be replaced by what more robots hold.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from fleetmap.codecs.envelope import decode_change
-from fleetmap.codecs.messages import CHECK_MASK, Record, Revision, SnapshotChunk
+from fleetmap.codecs.messages import CHECK_MASK, Record, Revision, SnapshotChunk, Want
+from fleetmap.engine.chain import before
 from fleetmap.engine.log import RecordLog
-from fleetmap.engine.stream import Stream, advance
+from fleetmap.engine.stream import Key, Limits, Step, Stream, advance, step_between
 from fleetmap.model.errors import WireError
 
 MAX_EARLY = 64
@@ -16,92 +21,172 @@ MAX_EARLY = 64
 
 
 class Outcome(Enum):
-    """What became of a record."""
+    """What became of a record or of a part of a snapshot."""
 
     APPLIED = "applied"
     DUPLICATE = "duplicate"
     EARLY = "early"
-    REFUSED = "refused"
+    """It was kept, or is too far ahead to be kept: something before it is missing."""
+    FORKED = "forked"
+    """The author's life has said other bytes under this seq."""
 
 
 @dataclass(slots=True)
 class Replica:
-    """A stream as far as it is known here, its last records, and records that came too early.
+    """A stream as far as it is known here, its last records, and what came too early.
 
-    ``suspect`` is set when a record didn't fit: the next question asks for everything.
+    Attributes
+    ----------
+    heard : the author itself has said this revision
+    forked : the author has said two things under this seq; its next word decides
+    kept : it counts: it is listed, hashed, mirrored and merged. One that is superseded doesn't, and goes on if its
+        author does
     """
 
     stream: Stream
+    heard: bool = False
+    forked: bool = False
+    kept: bool = True
     log: RecordLog = field(default_factory=RecordLog)
-    suspect: bool = False
+    steps: list[Step] = field(default_factory=list)
+    _corrected: int = 0
     _early: dict[int, tuple[Record, bytes]] = field(default_factory=dict)
     _chunks: dict[int, bytes] = field(default_factory=dict)
-    _chunks_of: Revision | None = None
+    _chunks_of: SnapshotChunk | None = None
 
     @property
-    def held(self) -> Revision:
-        """The revision to name when asking for more."""
-        return Revision(self.stream.epoch, 0, 0) if self.suspect else self.stream.revision
+    def key(self) -> Key:
+        """(robot, life)."""
+        return self.stream.key
 
-    def offer(self, record: Record, raw: bytes) -> Outcome:
+    @property
+    def corrected(self) -> bool:
+        """Whether the author has already set right what was held under this seq: the next word decides now."""
+        return self._corrected == self.stream.seq
+
+    @property
+    def waiting_bytes(self) -> int:
+        """What early records and parts of a snapshot take."""
+        return sum(len(raw) for _, raw in self._early.values()) + sum(map(len, self._chunks.values()))
+
+    def forget_waiting(self) -> None:
+        """Give early records and parts of a snapshot up, for want of room."""
+        self._early.clear()
+        self._chunks, self._chunks_of = {}, None
+
+    def take_steps(self) -> list[Step]:
+        """The steps since the last call."""
+        steps, self.steps = self.steps, []
+        return steps
+
+    def want(self) -> Want:
+        """What to ask for."""
+        of, partial = self._chunks_of, None
+        if of is not None:
+            first_missing = next((i for i in range(of.count) if i not in self._chunks), of.count)
+            partial = (of.seq, of.digest, first_missing) if first_missing else None
+        return Want(self.stream.robot, self.stream.revision, partial)
+
+    def offer(self, record: Record, raw: bytes, limits: Limits, *, by_author: bool) -> Outcome:
         """Apply a record if it is the next one, and whatever early ones follow it.
-
-        The caller compares ``stream`` before and after; a refused record changes nothing.
-        """
-        seq = record.seq
-        if seq <= self.stream.seq:
-            self.suspect |= seq == self.stream.seq and record.check != self.stream.revision.check
-            return Outcome.REFUSED if self.suspect else Outcome.DUPLICATE
-        if seq > self.stream.seq + 1:
-            if len(self._early) < MAX_EARLY:
-                self._early[seq] = (record, raw)
-            return Outcome.EARLY
-        try:
-            self._apply(record, raw)
-        except WireError:
-            self.suspect = True
-            return Outcome.REFUSED
-        self._apply_early()
-        return Outcome.APPLIED
-
-    def offer_chunk(self, chunk: SnapshotChunk) -> Outcome:
-        """Collect the chunks of a snapshot; the last missing one puts it in the stream's place.
 
         Raises
         ------
-        WireError : the whole is no snapshot, or hasn't the digest that its chunks state
+        WireError : its link isn't that of this life, or it doesn't fit; nothing is changed
         """
-        if chunk.revision.seq < self.stream.seq or (chunk.revision == self.stream.revision and not self.suspect):
+        held, seq = self.stream, record.seq
+        if seq <= held.seq:
+            if seq == held.seq and record.link == held.link:
+                if record.check != held.revision.check:
+                    self.forked |= by_author and self.heard
+                    return Outcome.FORKED
+                self.heard |= by_author
             return Outcome.DUPLICATE
-        if chunk.revision != self._chunks_of:
-            self._chunks_of, self._chunks = chunk.revision, {}
+        if seq > held.seq + MAX_EARLY:
+            return Outcome.EARLY
+        self._check_link(seq, record.link, len(raw))
+        if seq > held.seq + 1:
+            if by_author:
+                self._early[seq] = (record, raw)
+            return Outcome.EARLY
+        self._apply(record, raw, limits, heard=by_author)
+        self._apply_early(limits)
+        return Outcome.APPLIED
+
+    def offer_chunk(
+        self, chunk: SnapshotChunk, limits: Limits, *, by_author: bool, instead: Revision | None = None
+    ) -> Outcome:
+        """Collect the chunks of a snapshot; the last missing one puts it in the stream's place.
+
+        Parameters
+        ----------
+        instead : what most say of an absent author; it may replace what wasn't heard from it
+
+        Raises
+        ------
+        WireError : the link isn't that of this life, or the whole is no snapshot, or hasn't the digest that its chunks
+            state
+        """
+        held, there = self.stream, Revision(self.stream.life, chunk.seq, chunk.digest)
+        if chunk.seq == held.seq and chunk.digest != held.digest:
+            corrects = by_author and not self.corrected
+            outvotes = not by_author and not self.heard and there == instead
+            if not corrects and not outvotes:
+                self.forked |= by_author and self.heard
+                return Outcome.FORKED if by_author else Outcome.DUPLICATE
+        elif chunk.seq <= held.seq:
+            self.heard |= by_author and there == held.revision
+            return Outcome.DUPLICATE
+        of = self._chunks_of
+        if of is None or (of.seq, of.digest, of.link, of.count) != (chunk.seq, chunk.digest, chunk.link, chunk.count):
+            # Before anything is kept; and from the end that is known, whichever is nearer.
+            self._check_link(chunk.seq, chunk.link, len(chunk.data))
+            self._chunks_of, self._chunks = chunk, {}
+        elif chunk.index in self._chunks:
+            return Outcome.DUPLICATE
         self._chunks[chunk.index] = chunk.data
         if len(self._chunks) < chunk.count:
             return Outcome.EARLY
         data = b"".join(self._chunks[i] for i in sorted(self._chunks))
         self._chunks_of, self._chunks = None, {}
-        robot, revision = self.stream.robot, chunk.revision
-        change = decode_change(data, robot=robot)
-        self.stream = advance(Stream(robot, revision.epoch), change, seq=revision.seq, digest=revision.digest)
+        change = decode_change(data, robot=held.robot)
+        nothing = Stream(*held.key)
+        step = advance(nothing, change, seq=chunk.seq, link=chunk.link, digest=chunk.digest, limits=limits)
+        if by_author and chunk.seq == held.seq:
+            self._corrected = chunk.seq
+        self._take(step_between(held, step.after), heard=by_author)
         self.log.clear()
-        self.suspect = False
-        self._apply_early()
+        self._apply_early(limits)
         return Outcome.APPLIED
 
-    def _apply(self, record: Record, raw: bytes) -> None:
-        base = self.stream.revision
-        self.stream = advance(self.stream, record.change, seq=record.seq, digest=record.check, mask=CHECK_MASK)
-        self.log.append(base, raw)
-        self.suspect = False
+    def _check_link(self, seq: int, link: int, size_bytes: int) -> None:
+        held = self.stream
+        known, at = (held.link, held.seq) if seq >= held.seq else (held.life, 0)
+        if before(link, seq, seq - at) != known:
+            raise WireError(robot=held.robot, size_bytes=size_bytes, reason="claimed: the author's life isn't there")
 
-    def _apply_early(self) -> None:
+    def _apply(self, record: Record, raw: bytes, limits: Limits, *, heard: bool) -> None:
+        base = self.stream
+        step = advance(
+            base, record.change, seq=record.seq, link=record.link, digest=record.check, limits=limits, mask=CHECK_MASK
+        )
+        self._take(step, heard=heard)
+        self.log.append(base.revision, raw)
+
+    def _take(self, step: Step, *, heard: bool) -> None:
+        if step.after.seq > step.before.seq:
+            self.forked = False
+        self.stream, self.heard = step.after, heard
+        self.steps.append(step)
+
+    def _apply_early(self, limits: Limits) -> None:
         for seq in sorted(self._early):
             if seq <= self.stream.seq:
                 del self._early[seq]
             elif seq == self.stream.seq + 1:
                 record, raw = self._early.pop(seq)
                 try:
-                    self._apply(record, raw)
+                    self._apply(record, raw, limits, heard=True)
                 except WireError:
-                    self.suspect = True
+                    self._early.clear()
                     return

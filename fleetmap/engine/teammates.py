@@ -12,9 +12,9 @@ MAX_TEAMMATES = 512
 
 @dataclass(frozen=True, slots=True)
 class Teammate:
-    """The last pose and goal of a robot, in its map frame of ``epoch``; heard when, by the caller's clock."""
+    """The last pose and goal of a robot, in the map frame of its ``life``; heard when, by the caller's clock."""
 
-    epoch: int
+    life: int
     pose: PoseMessage | None = None
     goal_mm: tuple[int, int] | None = None
     heard_s: float = 0.0
@@ -26,13 +26,14 @@ class Teammates:
 
     by_name: dict[str, Teammate] = field(default_factory=dict)
 
-    def hear(self, robot: str, message: PoseMessage | GoalMessage, now_s: float) -> None:
-        """Note what a robot announced; ``WireError`` when there are too many robots."""
+    def hear(self, key: tuple[str, int], message: PoseMessage | GoalMessage, now_s: float) -> None:
+        """Note what a life of a robot announced; ``WireError`` when there are too many robots."""
+        robot, life = key
         known = self.by_name.get(robot)
         if known is None and len(self.by_name) >= MAX_TEAMMATES:
             raise WireError(robot=robot, size_bytes=0, reason="too many peers")
-        if known is None or known.epoch != message.epoch:
-            known = Teammate(message.epoch)
+        if known is None or known.life != life:
+            known = Teammate(life)
         if isinstance(message, PoseMessage):
             self.by_name[robot] = replace(known, pose=message, heard_s=now_s)
         else:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from fleetmap.codecs.messages import Header, Revision
+from fleetmap.codecs.messages import Revision
 from fleetmap.engine.stream import Stream
 from fleetmap.merge.protocol import Frame, Source
 from fleetmap.model.errors import ConfigError
@@ -36,29 +36,31 @@ def view(engine: Engine) -> View:
 
     A stream without a start is a component of its own, in its robot's map frame.
     """
-    own = engine.own
-    streams = sorted([own, *others(own.header, engine.holdings.streams(), own)], key=lambda s: (s.robot, s.epoch))
-    sources, left_out = sources_of(streams)
-    return View(tuple(sources), tuple((s.robot, s.revision) for s in streams), tuple(left_out))
+    own, left_out = engine.own, engine.holdings.left_out()
+    held = [s for s in engine.holdings.streams() if s.key not in left_out]
+    streams = sorted([own, *others(own, held)], key=lambda s: s.key)
+    sources, unplaced = sources_of(streams)
+    return View(tuple(sources), tuple((s.robot, s.revision) for s in streams), tuple(unplaced))
 
 
-def others(header: Header, held: Iterable[Stream], own: Stream) -> list[Stream]:
-    """The streams that are in one component with the own one, if that has this header."""
-    if header.start is None:
+def others(own: Stream, held: Iterable[Stream]) -> list[Stream]:
+    """The streams that are in one component with the own one."""
+    if own.start is None:
         return []
-    return [s for s in held if s is not own and s.header.start is not None and s.header.level == header.level]
+    return [s for s in held if s.key != own.key and s.start is not None and s.level == own.level]
 
 
 def sources_of(streams: Iterable[Stream]) -> tuple[list[Source], list[tuple[Frame, str]]]:
     """Their submaps where start and anchor put them, and (frame, reason) of those that no pose can put there."""
     sources, left_out = [], []
     for stream in streams:
-        for name, submap in sorted(stream.submaps.items()):
-            start, frame = stream.header.start, (stream.robot, stream.epoch, name)
+        start = stream.start
+        for name, vector_map in sorted(stream.submaps.items()):
+            frame, anchor = (stream.robot, stream.life, name), stream.anchor(name)
             try:
-                T_fleet_frame = submap.anchor if start is None else start @ submap.anchor
+                T_fleet_frame = anchor if start is None else start @ anchor
             except ConfigError as error:
                 left_out.append((frame, f"start and anchor together: {error}"))
             else:
-                sources.append(Source(frame, T_fleet_frame, submap.vector_map))
+                sources.append(Source(frame, T_fleet_frame, vector_map))
     return sources, left_out

@@ -11,7 +11,7 @@ from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 
 Frame = tuple[str, int, str]
-"""(robot, epoch, submap)."""
+"""(robot, life, submap)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,7 +20,7 @@ class Source:
 
     Parameters
     ----------
-    frame : (robot, epoch, submap); for reports, and where maps lie too far from (0, 0) for the lattice, for the
+    frame : (robot, life, submap); for reports, and where maps lie too far from (0, 0) for the lattice, for the
         choice of its origin (``merge.origin``). Nothing else of the merged map depends on it
     T_fleet_frame : start @ anchor, composed by the caller in integers
     vector_map : as its author published it

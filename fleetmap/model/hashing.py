@@ -26,5 +26,9 @@ def hash_ints(values: tuple[int, ...], salt: int) -> int:
 
 def hash_text(text: str, salt: int) -> int:
     """The same for a name: its UTF-8 bytes, one field each, then their count."""
-    raw = text.encode()
+    return hash_bytes(text.encode(), salt)
+
+
+def hash_bytes(raw: bytes, salt: int) -> int:
+    """The same for bytes, one field each, then their count."""
     return hash_ints((*raw, len(raw)), salt)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fleetmap.codecs.messages import Revision
-from fleetmap.engine import Changed
+from fleetmap.engine import MapChanged
 
 RevisionVector = tuple[tuple[str, Revision], ...]
 """(robot, revision) of every stream that the merged map was made of, ascending."""
@@ -19,7 +19,7 @@ class Change:
 
     Parameters
     ----------
-    frames : (robot, epoch, submap) of all that changed, ascending
+    frames : (robot, life, submap) of all that changed, ascending
     box_m : (x_min, y_min, x_max, y_max) in metres in each frame's robot map frame, one for each of ``frames``;
         None where no edge changed
     edges_added, edges_removed : edges of the replicas, summed
@@ -37,12 +37,12 @@ class ChangeQueue:
     """Events for one reader, merged by frame until it takes them: bounded by the number of frames."""
 
     def __init__(self) -> None:
-        self._waiting: dict[tuple[str, int, str], Changed] = {}
+        self._waiting: dict[tuple[str, int, str], MapChanged] = {}
         self._revisions: RevisionVector = ()
         self._filled = asyncio.Event()
         self.closed = False
 
-    def add(self, events: Iterable[Changed], revisions: RevisionVector) -> None:
+    def add(self, events: Iterable[MapChanged], revisions: RevisionVector) -> None:
         """Events that are in the merged map now."""
         for event in events:
             before = self._waiting.get(event.frame)
@@ -74,7 +74,7 @@ class ChangeQueue:
         )
 
 
-def _joined(a: Changed, b: Changed) -> Changed:
+def _joined(a: MapChanged, b: MapChanged) -> MapChanged:
     boxes = [box for box in (a.box_m, b.box_m) if box is not None]
     box = None
     if boxes:
@@ -84,4 +84,4 @@ def _joined(a: Changed, b: Changed) -> Changed:
             max(x[2] for x in boxes),
             max(x[3] for x in boxes),
         )
-    return Changed(a.frame, box, a.edges_added + b.edges_added, a.edges_removed + b.edges_removed, b.revision)
+    return MapChanged(a.frame, box, a.edges_added + b.edges_added, a.edges_removed + b.edges_removed, b.revision)

@@ -19,9 +19,8 @@ def own_figures(engine: Engine, *, age_s: float) -> bytes:
     """
     sent, grids, watched, explored_m2 = engine.ledger.said()
     message = StatsMessage(
-        engine.own.epoch,
         max(0, round(1000 * age_s)),
-        len(engine.alive),
+        len(engine.neighbours.robots()),
         engine.own.edges,
         round(explored_m2 * DM2_A_M2),
         _tally(watched),

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fleetmap.engine import Changed
+from fleetmap.engine import MapChanged
 from fleetmap.engine.view import View
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
@@ -42,10 +42,10 @@ class Folder:
         self._look, self._interval_s, self._clock = look, interval_s, clock
         self._robot = robot
         self._told: set[str] = set()
-        self._events: list[Changed] = []
+        self._events: list[MapChanged] = []
         self._turn, self._dirty = asyncio.Lock(), asyncio.Event()
 
-    def add(self, events: Iterable[Changed]) -> None:
+    def add(self, events: Iterable[MapChanged]) -> None:
         """Streams changed."""
         self._events.extend(events)
         if self._events:
@@ -87,8 +87,8 @@ class Folder:
     def _tell_left_out(self) -> None:
         """Log whose maps are left out of the merged one, a line a robot, until all of that robot's are in it again."""
         reasons: dict[str, list[str]] = {}
-        for (robot, epoch, submap), reason in self.merged.left_out:
-            reasons.setdefault(robot, []).append(f"submap {submap} (epoch {epoch}): {reason}")
+        for (robot, life, submap), reason in self.merged.left_out:
+            reasons.setdefault(robot, []).append(f"submap {submap} (life {life:016x}): {reason}")
         for robot in reasons.keys() - self._told:
             whose = "the own map" if robot == self._robot else f"the map of {robot}"
             first, *more = reasons[robot]

@@ -5,65 +5,14 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
 from fleetmap.accounting import Ledger
-from fleetmap.peer.link import Token
+from fleetmap.engine import Input, Message, Query, Reply
 
 MAX_ITEMS = 4096
-MAX_BYTES = 64 << 20
+MAX_BYTES = 16 << 20
 """Beyond these, samples, replies and questions are dropped and counted; the engine asks again for what it misses."""
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """A sample under ``robot/suffix``."""
-
-    robot: str
-    suffix: str
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Alive:
-    """A token appeared."""
-
-    token: Token
-
-
-@dataclass(frozen=True, slots=True)
-class Gone:
-    """A token vanished."""
-
-    token: Token
-
-
-@dataclass(frozen=True, slots=True)
-class Query:
-    """A question under the own key."""
-
-    suffix: str
-    payload: bytes
-    reply: Callable[[Sequence[bytes]], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Reply:
-    """A reply to a question of ours."""
-
-    ask_id: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class ReplyEnd:
-    """No more replies to a question of ours."""
-
-    ask_id: int
-
-
-Item = Message | Alive | Gone | Query | Reply | ReplyEnd
 
 
 class Inbox:
@@ -80,43 +29,31 @@ class Inbox:
 
     def __init__(self, loop: asyncio.AbstractEventLoop, ledger: Ledger, figures: Callable[[], bytes]) -> None:
         self._loop, self._ledger, self._figures = loop, ledger, figures
-        self._items: deque[Item] = deque()
+        self._items: deque[Input] = deque()
         self._size_bytes = 0
         self._lock = threading.Lock()
         self._filled = asyncio.Event()
         self._closed = False
 
-    def message(self, robot: str, suffix: str, payload: bytes) -> None:
-        """A sample came."""
-        if not self._put(Message(robot, suffix, payload), len(payload)):
-            self._ledger.dropped(robot, suffix.partition("/")[0], len(payload), reason="queue_full")
+    def deliver(self, item: Input) -> None:
+        """Something came."""
+        match item:
+            case Query("stats", _, reply):
+                reply([] if self._closed else [self._figures()])
+            case Message(robot, _, kind, payload):
+                if not self._put(item, len(payload)):
+                    self._ledger.dropped(robot, kind, len(payload), reason="queue_full")
+            case Query(kind, payload, reply):
+                if not self._put(item, len(payload)):
+                    self._ledger.dropped("?", f"{kind}?", len(payload), reason="queue_full")
+                    reply([])
+            case Reply(_, payload):
+                if not self._put(item, len(payload)):
+                    self._ledger.dropped("?", "reply", len(payload), reason="queue_full")
+            case _:
+                self._put(item, 0)
 
-    def alive(self, token: Token) -> None:
-        """A token appeared."""
-        self._put(Alive(token), 0)
-
-    def gone(self, token: Token) -> None:
-        """A token vanished."""
-        self._put(Gone(token), 0)
-
-    def query(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
-        """A question came."""
-        if suffix == "stats":
-            reply([] if self._closed else [self._figures()])
-        elif not self._put(Query(suffix, payload, reply), len(payload)):
-            self._ledger.dropped("?", suffix.partition("/")[0], len(payload), reason="queue_full")
-            reply([])
-
-    def reply(self, ask_id: int, payload: bytes) -> None:
-        """A reply came."""
-        if not self._put(Reply(ask_id, payload), len(payload)):
-            self._ledger.dropped("?", "reply", len(payload), reason="queue_full")
-
-    def reply_end(self, ask_id: int) -> None:
-        """The replies to a question are over."""
-        self._put(ReplyEnd(ask_id), 0)
-
-    async def take(self, timeout_s: float) -> list[Item]:
+    async def take(self, timeout_s: float) -> list[Input]:
         """All items, as soon as there is one; none after the timeout."""
         try:
             # wait_for of Python 3.11 swallows a cancellation that meets the event.
@@ -138,7 +75,7 @@ class Inbox:
             if isinstance(item, Query):
                 item.reply([])
 
-    def _put(self, item: Item, size_bytes: int) -> bool:
+    def _put(self, item: Input, size_bytes: int) -> bool:
         with self._lock:
             full = len(self._items) >= MAX_ITEMS or self._size_bytes + size_bytes > MAX_BYTES
             if self._closed or (full and isinstance(item, Message | Query | Reply)):

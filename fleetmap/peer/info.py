@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fleetmap.engine import Engine
+from fleetmap.engine import Engine, Stream
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -18,16 +18,19 @@ class PeerInfo:
     ----------
     robot : its name
     alive : False for an absent one, whose map stays
-    epoch, seq : its latest revision that is held; 0 if none is
-    edges : edges of its maps
+    life, seq : its revision that is held, of the life that runs, or of an absent robot the one with the most edges; 0
+        if none is
+    edges : edges of the maps of all its lives that are held
+    lives : how many lives of it are held
     level, T_fleet_robot : as it announced them; None while its place in the fleet's frame is unknown
     """
 
     robot: str
     alive: bool
-    epoch: int
+    life: int
     seq: int
     edges: int
+    lives: int
     level: str
     T_fleet_robot: Pose2 | None
 
@@ -43,24 +46,39 @@ class TeammateInfo:
 
 
 def peer_infos(engine: Engine) -> list[PeerInfo]:
-    """All other robots that are known, by name, each with its latest epoch."""
-    latest = {s.robot: s for s in engine.holdings.streams() if s.robot != engine.robot}
+    """All other robots that are known, by name."""
+    living = engine.neighbours.robots() - {engine.robot}
+    held = streams_of(engine)
     infos = []
-    for robot in sorted({*latest, *list(engine.alive)}):
-        stream, alive = latest.get(robot), robot in engine.alive
-        if stream is None:
-            infos.append(PeerInfo(robot, alive, 0, 0, 0, "", None))
+    for robot in sorted({*held, *living}):
+        alive = robot in living
+        if robot not in held:
+            infos.append(PeerInfo(robot, alive, 0, 0, 0, 0, "", None))
             continue
-        start = stream.header.start
-        T_fleet_robot = None if start is None else start.to_pose()
-        infos.append(PeerInfo(robot, alive, stream.epoch, stream.seq, stream.edges, stream.header.level, T_fleet_robot))
+        stream, *others = held[robot]
+        edges = sum(s.edges for s in held[robot])
+        T_fleet_robot = None if stream.start is None else stream.start.to_pose()
+        life, seq = stream.life, stream.seq
+        infos.append(PeerInfo(robot, alive, life, seq, edges, 1 + len(others), stream.level, T_fleet_robot))
     return infos
 
 
+def streams_of(engine: Engine) -> dict[str, list[Stream]]:
+    """By robot, the streams of all others: first the life that runs, then those with more edges."""
+    found: dict[str, list[Stream]] = {}
+    for stream in engine.holdings.streams():
+        if stream.robot != engine.robot:
+            found.setdefault(stream.robot, []).append(stream)
+
+    def rank(stream: Stream) -> tuple[bool, int, int]:
+        return stream.key in engine.neighbours, stream.edges, stream.life
+
+    return {robot: sorted(streams, key=rank, reverse=True) for robot, streams in found.items()}
+
+
 def maps_of(engine: Engine) -> dict[str, dict[str, VectorMap]]:
-    """By robot, the submaps of all others, of their latest epoch."""
-    latest = {s.robot: s for s in engine.holdings.streams() if s.robot != engine.robot}
-    return {robot: {name: s.vector_map for name, s in stream.submaps.items()} for robot, stream in latest.items()}
+    """By robot, the submaps of all others, of the life that runs, or of an absent robot the one with the most edges."""
+    return {robot: dict(streams[0].submaps) for robot, streams in streams_of(engine).items()}
 
 
 def teammate_infos(engine: Engine, *, frame: str, now_s: float) -> list[TeammateInfo]:
@@ -68,11 +86,11 @@ def teammate_infos(engine: Engine, *, frame: str, now_s: float) -> list[Teammate
     T_frame_fleet = frame_of(engine, frame)
     infos = []
     for robot, mate in sorted(dict(engine.teammates.by_name).items()):
-        replica = engine.holdings.replicas.get((robot, mate.epoch))
-        header = replica.stream.header if replica else None
-        if T_frame_fleet is None or header is None or header.start is None or header.level != engine.own.header.level:
+        stream = engine.holdings.held((robot, mate.life))
+        start = stream.start
+        if T_frame_fleet is None or start is None or stream.level != engine.own.level:
             continue
-        T_frame_mate = T_frame_fleet @ header.start.to_pose()
+        T_frame_mate = T_frame_fleet @ start.to_pose()
         pose = goal_xy = None
         if mate.pose is not None:
             pose = T_frame_mate @ Pose2(mate.pose.x_mm * 1e-3, mate.pose.y_mm * 1e-3, mate.pose.yaw_mrad * 1e-3)
@@ -94,5 +112,5 @@ def frame_of(engine: Engine, frame: str) -> Pose2 | None:
         return Pose2()
     if frame != "robot":
         raise ConfigError(option="frame", value=frame, reason="expected robot or fleet")
-    start = engine.own.header.start
+    start = engine.own.start
     return None if start is None else start.to_pose().inverse()

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
-from fleetmap.codecs.messages import check_name
-from fleetmap.model.checks import check_number, check_type
+from fleetmap.codecs.names import check_name
+from fleetmap.engine.holdings import MAX_EDGES_HELD
+from fleetmap.engine.stream import Limits
+from fleetmap.model.checks import check_count, check_number, check_type
+from fleetmap.model.density import MAX_EDGES, MAX_EDGES_IN_SQUARE
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.link import Link
 from fleetmap.peer.peer import Peer
 from fleetmap.peer.profiles import zenoh_settings
+
+IF_TAKEN = ("refuse", "join")
 
 
 def join(
@@ -29,13 +34,17 @@ def join(
     heartbeat_s: float = 2.0,
     fold_interval_s: float = 0.2,
     baselines: bool = True,
+    if_taken: str = "refuse",
+    allow: Collection[str] | None = None,
+    max_edges: int = MAX_EDGES,
+    max_edges_in_square: int = MAX_EDGES_IN_SQUARE,
     link: Link | None = None,
 ) -> Peer:
     """Join a fleet: ``async with fleetmap.join("r7", fleet="site-4") as peer: ...``.
 
     Parameters
     ----------
-    robot : own name, 1 to 64 of A-Z a-z 0-9 _ . -; unique among the living peers of the fleet
+    robot : own name, 1 to 64 of A-Z a-z 0-9 _ . -; each living robot of the fleet should have one of its own
     fleet : robots of one fleet share their maps
     level : storey; frames of different levels are never merged
     start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
@@ -49,6 +58,11 @@ def join(
     heartbeat_s : how often the own revision is announced
     fold_interval_s : at least so long between two folds that nobody waits for
     baselines : count at each publish what the grid would have cost, gzipped
+    if_taken : what to do if a living peer has this name and answers: ``refuse`` raises ``NameInUse``; ``join`` is
+        another life beside it, as for a robot whose hung former process still answers
+    allow : names that are listened to; None: all
+    max_edges, max_edges_in_square : what a robot's map may hold, in all and in any square of 256 cells; maps that hold
+        more are refused, the own ones too. The defaults are far above what real maps hold
     link : another transport than Zenoh, for tests
 
     Returns
@@ -68,6 +82,14 @@ def join(
         "fold_interval_s", fold_interval_s, expected="seconds, 0 or more", fits=lambda s: s >= 0
     )
     check_type("baselines", baselines, bool)
+    if if_taken not in IF_TAKEN:
+        raise ConfigError(option="if_taken", value=if_taken, reason=f"expected one of {', '.join(IF_TAKEN)}")
+    if allow is not None and (isinstance(allow, str) or not isinstance(allow, Collection)):
+        raise ConfigError(option="allow", value=allow, reason='expected names, as ["r1", "r2"]')
+    limits = Limits(
+        check_count("max_edges", max_edges, most=MAX_EDGES_HELD),
+        check_count("max_edges_in_square", max_edges_in_square, most=MAX_EDGES_HELD),
+    )
     zenoh_settings(profile, listen=listen, connect=connect, config=config)  # refuses what can't be, whatever the link
     if link is not None and not callable(getattr(link, "open", None)):
         raise ConfigError(option="link", value=link, reason="expected a fleetmap.peer.link.Link; None is Zenoh's")
@@ -82,10 +104,13 @@ def join(
         level=level,
         start=start,
         link=link,
-        instance=secrets.token_hex(4),
+        seed=secrets.token_bytes(16),
         budget_Bps=budget_Bps,
         max_rate_hz=max_rate_hz,
         heartbeat_s=heartbeat_s,
         fold_interval_s=fold_interval_s,
         baselines=baselines,
+        if_taken=if_taken,
+        allow=allow,
+        limits=limits,
     )

@@ -2,55 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Protocol
 
+from fleetmap.engine import Input
 
-@dataclass(frozen=True, slots=True)
-class Token:
-    """A living peer: its name, its epoch, and what tells it from another one of that name."""
-
-    robot: str
-    epoch: int
-    instance: str
+Token = tuple[str, int]
+"""(robot, life) of a peer that is there."""
 
 
 class Receiver(Protocol):
-    """Where a link delivers. May be called from any thread; must neither block nor raise."""
+    """Where a link delivers."""
 
-    def message(self, robot: str, suffix: str, payload: bytes) -> None:
-        """A sample under the key of another robot."""
-
-    def alive(self, token: Token) -> None:
-        """A peer's token appeared."""
-
-    def gone(self, token: Token) -> None:
-        """A peer's token vanished."""
-
-    def query(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
-        """A question under the own key; ``reply`` must be called once, also with nothing."""
+    def deliver(self, item: Input) -> None:
+        """A sample, a token that appeared or vanished, or a question. From any thread; must neither block nor raise."""
 
 
 class Link(Protocol):
     """A transport. ``open`` comes first and ``close`` last; the others may be called from any thread."""
 
     async def open(self, receiver: Receiver) -> list[Token]:
-        """Connect; returns the peers that are alive. Raises ``LinkError`` if that fails for good."""
+        """Connect; returns the peers that are there. Raises ``LinkError`` if that fails for good."""
         ...
 
-    async def declare_alive(self, epoch: int, instance: str) -> None:
-        """Show the own token, instead of the one before."""
+    async def show(self, life: int) -> None:
+        """Show the own token, and be asked and publish under this life, instead of the one before."""
         ...
 
-    def put(self, suffix: str, payload: bytes) -> None:
-        """Publish under the own key. Never blocks; may lose the payload."""
+    def put(self, life: int, kind: str, payload: bytes) -> None:
+        """Publish under the own key, as the word of a life. Never blocks; may lose the payload."""
         ...
 
     def ask(
-        self, robot: str, suffix: str, payload: bytes, *, on_reply: Callable[[bytes], None], on_end: Callable[[], None]
+        self,
+        peer: Token,
+        kind: str,
+        payload: bytes,
+        *,
+        on_reply: Callable[[bytes], None],
+        on_end: Callable[[], None],
     ) -> None:
-        """Query the key of another robot (``*``: of all); ``on_end`` is called once, after the last reply."""
+        """Query a key of a peer; ``on_end`` is called once, after the last reply."""
+        ...
+
+    async def tokens(self) -> list[Token]:
+        """The peers that are there now."""
         ...
 
     async def reopen(self) -> None:

@@ -12,6 +12,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from fleetmap.engine import Alive, Gone, Message, Query
 from fleetmap.peer.link import Receiver, Token
 
 ASK_TIMEOUT_S = 3.0
@@ -62,10 +63,10 @@ class LoopClock:
 
 
 Fate = Callable[[str, str, str], Sequence[float]]
-"""(sender, receiver, suffix) -> the delays in seconds of the copies that arrive; none: the payload is lost."""
+"""(sender, receiver, kind) -> the delays in seconds of the copies that arrive; none: the payload is lost."""
 
 
-def arrives(sender: str, receiver: str, suffix: str) -> Sequence[float]:
+def arrives(sender: str, receiver: str, kind: str) -> Sequence[float]:
     """Every payload arrives once, at once."""
     return (0.0,)
 
@@ -114,9 +115,9 @@ class MemoryHub:
         """A link closed."""
         self._links.pop(f"{link.robot}/{id(link)}", None)
 
-    def carry(self, sender: str, receiver: str, suffix: str, deliver: Callable[[], None]) -> None:
+    def carry(self, sender: str, receiver: str, kind: str, deliver: Callable[[], None]) -> None:
         """Let a payload meet its fate."""
-        for delay_s in self.fate(sender, receiver, suffix):
+        for delay_s in self.fate(sender, receiver, kind):
             self.clock.call_later(delay_s, deliver)
 
     def _named(self, robot: str) -> list[MemoryLink]:
@@ -148,45 +149,47 @@ class MemoryLink:
             self.see(token, alive=True)
         return tokens
 
-    async def declare_alive(self, epoch: int, instance: str) -> None:
+    async def show(self, life: int) -> None:
         """Show the own token, instead of the one before."""
-        self.show(Token(self.robot, epoch, instance))
+        self.display(life)
 
-    def show(self, token: Token | None) -> None:
-        """What ``declare_alive`` does, for tests without an event loop; None takes the token away."""
-        before, self.token = self.token, token
+    def display(self, life: int | None) -> None:
+        """What ``show`` does, for tests without an event loop; None takes the token away."""
+        before, self.token = self.token, None if life is None else (self.robot, life)
         for other in self._hub.others(self):
-            if token is not None:
-                other.see(token, alive=True)
-            if before is not None:
+            if self.token is not None:
+                other.see(self.token, alive=True)
+            if before is not None and before != self.token:
                 other.see(before, alive=False)
 
     def see(self, token: Token, *, alive: bool) -> None:
         """Another link's token appeared or vanished."""
         self._hub.clock.call_later(0.0, lambda: self._see(token, alive=alive))
 
-    def put(self, suffix: str, payload: bytes) -> None:
+    def put(self, life: int, kind: str, payload: bytes) -> None:
         """Publish under the own key."""
         if self._receiver is None:
             return
+        message = Message(self.robot, life, kind, payload)
         for other in self._hub.others(self):
-            self._hub.carry(
-                self.robot,
-                other.robot,
-                suffix,
-                lambda o=other: o.receive(self.robot, suffix, payload),  # type: ignore[misc]
-            )
+            self._hub.carry(self.robot, other.robot, kind, lambda o=other: o.receive(message))  # type: ignore[misc]
 
-    def receive(self, robot: str, suffix: str, payload: bytes) -> None:
-        """A sample of another robot arrives."""
-        if self._receiver is not None and self._hub.reaches(robot, self.robot):
-            self._receiver.message(robot, suffix, payload)
+    def receive(self, message: Message) -> None:
+        """A sample of another peer arrives."""
+        if self._receiver is not None and self._hub.reaches(message.robot, self.robot):
+            self._receiver.deliver(message)
 
     def ask(
-        self, robot: str, suffix: str, payload: bytes, *, on_reply: Callable[[bytes], None], on_end: Callable[[], None]
+        self,
+        peer: Token,
+        kind: str,
+        payload: bytes,
+        *,
+        on_reply: Callable[[bytes], None],
+        on_end: Callable[[], None],
     ) -> None:
-        """Query another robot's key; the replies end with the last one, or after a timeout."""
-        asked = [o for o in self._hub.others(self) if robot in ("*", o.robot)] if self._receiver else []
+        """Query a key of a peer; the replies end with the last one, or after a timeout."""
+        asked = [o for o in self._hub.others(self) if o.token == peer] if self._receiver else []
         waiting = len(asked)
         ended = False
 
@@ -213,14 +216,18 @@ class MemoryLink:
             self._hub.carry(
                 self.robot,
                 other.robot,
-                suffix,
-                lambda o=other: o.asked(suffix, payload, lambda r: answered(o, r)),  # type: ignore[misc]
+                kind,
+                lambda o=other: o.asked(kind, payload, lambda r: answered(o, r)),  # type: ignore[misc]
             )
 
-    def asked(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
+    def asked(self, kind: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
         """A question arrives."""
         if self._receiver is not None:
-            self._receiver.query(suffix, payload, reply)
+            self._receiver.deliver(Query(kind, payload, reply))
+
+    async def tokens(self) -> list[Token]:
+        """The peers that are there now."""
+        return [other.token for other in self._hub.others(self) if other.token is not None]
 
     async def reopen(self) -> None:
         """Connect anew."""
@@ -229,10 +236,10 @@ class MemoryLink:
             return
         for other in self._hub.others(self):
             if other.token is not None:
-                receiver.gone(other.token)
+                receiver.deliver(Gone(*other.token))
         self.vanish()
         self.connect(receiver)
-        self.show(token)
+        self.display(None if token is None else token[1])
 
     async def close(self) -> None:
         """Disconnect."""
@@ -240,10 +247,10 @@ class MemoryLink:
 
     def vanish(self) -> None:
         """What ``close`` does, for tests without an event loop: also what a killed process looks like."""
-        self.show(None)
+        self.display(None)
         self._hub.detach(self)
         self._receiver = None
 
     def _see(self, token: Token, *, alive: bool) -> None:
         if self._receiver is not None:
-            (self._receiver.alive if alive else self._receiver.gone)(token)
+            self._receiver.deliver(Alive(*token) if alive else Gone(*token))

@@ -9,16 +9,33 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
-from fleetmap.codecs.messages import check_name
-from fleetmap.engine import Ask, Changed, Detour, Engine, EpochChanged, Event, NameTaken, PeersChanged, Put
-from fleetmap.engine.engine import MAX_PEERS
+from fleetmap.codecs.names import check_name
+from fleetmap.engine import (
+    Alive,
+    Answer,
+    Ask,
+    Chain,
+    Detour,
+    Engine,
+    Event,
+    Input,
+    LifeChanged,
+    Limits,
+    LookAgain,
+    MapChanged,
+    PeersChanged,
+    Put,
+    Reply,
+    ReplyEnd,
+)
+from fleetmap.engine.neighbours import MAX_NEIGHBOURS
 from fleetmap.engine.quota import Quota
 from fleetmap.engine.view import View, view
 from fleetmap.model.checks import check_count, check_number, check_type, check_xy
@@ -30,12 +47,13 @@ from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
-from fleetmap.peer.discovery import find_epoch
 from fleetmap.peer.figures import own_figures
 from fleetmap.peer.folder import Folder
-from fleetmap.peer.inbox import Alive, Gone, Inbox, Item, Message, Query, Reply, ReplyEnd
+from fleetmap.peer.health import Problem, problems
+from fleetmap.peer.inbox import Inbox
 from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
 from fleetmap.peer.link import Link
+from fleetmap.peer.namesake import answers
 from fleetmap.peer.publisher import GridPublisher
 from fleetmap.peer.supervisor import LinkSupervisor
 
@@ -45,6 +63,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 TICK_S = 0.1
+SLICE = 64
+"""Items that the engine takes at a time: between two slices the user has a turn."""
 
 _NOT_OPEN = {
     "new": "the peer is not connected yet: `async with fleetmap.join(...) as peer`, or `peer = await join(...)`",
@@ -65,10 +85,10 @@ class Peer:
     robot, fleet, level : names
     start : T_fleet_robot, None while it is unknown
     link : the transport
-    instance : tells two living peers of one name apart
+    seed : 16 random bytes, of which the life is made; never shown
     clock : seconds, only ever growing
     fold_interval_s : at least so long between two folds that nobody waits for
-    heartbeat_s, budget_Bps, max_rate_hz, baselines : see ``fleetmap.join``
+    heartbeat_s, budget_Bps, max_rate_hz, baselines, if_taken, allow, limits : see ``fleetmap.join``
 
     Attributes
     ----------
@@ -83,30 +103,31 @@ class Peer:
         level: str,
         start: Pose2 | None,
         link: Link,
-        instance: str,
+        seed: bytes,
         clock: Callable[[], float] = time.monotonic,
         fold_interval_s: float = 0.2,
         heartbeat_s: float = 2.0,
         budget_Bps: float | None = None,
         max_rate_hz: float | None = None,
         baselines: bool = True,
+        if_taken: str = "refuse",
+        allow: Collection[str] | None = None,
+        limits: Limits | None = None,
     ) -> None:
         self.robot, self.fleet, self.level = robot, fleet, level
-        self._instance, self._clock, self._link = instance, clock, link
+        self._clock, self._link, self._if_taken = clock, link, if_taken
         self._ledger = Ledger()
-        fixed = _fixed("start", start)
-        self._make_engine = partial(
-            Engine,
+        self._engine = Engine(
             robot,
-            instance=instance,
+            chain=Chain(seed),
             level=level,
-            start=fixed,
+            start=_fixed("start", start),
             heartbeat_s=heartbeat_s,
             quota=Quota(budget_Bps, max_rate_hz),
             ledger=self._ledger,
+            allow=allow,
+            limits=limits,
         )
-        # Checks the names now, and not when the link is open. What it would say first is not sent, and not counted.
-        self._engine = self._make_engine(epoch=1, ledger=Ledger())
         self._publisher = GridPublisher(self._ledger, baselines=baselines, robot=robot)
         self._folder = Folder(robot, self._look, interval_s=fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
@@ -140,16 +161,16 @@ class Peer:
             # Now: a peer that lives can't stop for a minute when the first record comes.
             await compile_in_thread(modules_of(*AGENT))
             tokens = await self._link.open(self._inbox)
-            if any(token.robot == self.robot for token in tokens):
+            # Alone: whoever runs never gives way, and a token is no proof that somebody runs.
+            namesakes = [token for token in tokens if token[0] == self.robot]
+            if self._if_taken == "refuse" and await answers(self._link, namesakes):
                 raise NameInUse(robot=self.robot, fleet=self.fleet)
-            epoch = await find_epoch(self._link, self.robot, timeout_s=1.0 if tokens else 0.2)
-            self._engine = self._make_engine(epoch=epoch)
-            await self._link.declare_alive(epoch, self._instance)
+            await self._link.show(self._engine.own.life)
         except BaseException:
             await self.close()
             raise
         for token in tokens:
-            self._inbox.alive(token)
+            self._inbox.deliver(Alive(*token))
         self._tasks = [asyncio.create_task(self._guard(work)) for work in (self._pump, self._folder.run)]
         return self
 
@@ -186,6 +207,7 @@ class Peer:
         *,
         submap: str = "0",
         anchor: Pose2 | None = None,
+        supersedes: bool = False,
         free_below: float | None = None,
         occupied_above: float | None = None,
     ) -> bool:
@@ -196,6 +218,7 @@ class Peer:
         source : the submap as it is now
         submap : its name, for robots that have several
         anchor : T_robot_submap; a correction of it resends no geometry
+        supersedes : this map replaces what the own former lives said: they end with it, at every peer
         free_below, occupied_above : per cent, instead of the grid's own; see ``OccupancyGrid``. The first grid of a
             submap whose thresholds leave hardly any free or occupied cell is warned of, with ``MapWarning``
 
@@ -206,9 +229,9 @@ class Peer:
 
         Raises
         ------
-        NameInUse : another living peer turned out to have this name, and was first
         LinkError : the peer is closed
-        ConfigError, MapFormatError : the map or a name is not what it must be; or the map would extend farther than
+        ConfigError, MapFormatError : the map or a name is not what it must be; or the map has more edges than a peer
+            takes (``max_edges`` and ``max_edges_in_square`` of ``join``); or it would extend farther than
             5243 m, by itself or together with another map of its component: more than the fleet lattice holds.
             Wherever that lies: 500 km from the origin are fine
         """
@@ -222,7 +245,9 @@ class Peer:
             for option, value in (("free_below", free_below), ("occupied_above", occupied_above)):
                 if value is not None:
                     raise ConfigError(option=option, value=value, reason="is for grids; a vector map has states only")
-        return await self._publisher.publish(submap, source, partial(self._run_publish, fixed), clock=self._clock)
+        return await self._publisher.publish(
+            submap, source, partial(self._run_publish, fixed, supersedes), clock=self._clock
+        )
 
     async def set_pose(self, pose: Pose2) -> None:
         """Announce where the robot is, in its map frame."""
@@ -247,8 +272,15 @@ class Peer:
         self._check()
         await self._run(self._engine.set_start, _fixed("start", start))
 
-    async def forget(self, robot: str) -> None:
-        """Drop what an absent robot has said, here and at every peer. One that still lives comes back.
+    async def forget(self, robot: str, *, everywhere: bool = False) -> None:
+        """Leave what a robot has said so far out of the merged map. One that lives is back with its next word.
+
+        Parameters
+        ----------
+        robot : whose. The own name: what the own former lives said ends, at every peer. To be called when a robot that
+            started anew sees free space where a former life saw a wall that is gone
+        everywhere : at every peer, and not only here; the others still hold the map, and who forgets the forgetting
+            robot has it back
 
         Raises
         ------
@@ -256,7 +288,7 @@ class Peer:
         """
         self._check()
         check_name("robot", robot)
-        await self._run(self._engine.forget, robot)
+        await self._run(self._engine.forget, robot, everywhere=everywhere)
 
     # See
 
@@ -271,24 +303,27 @@ class Peer:
         return self._folder.revisions
 
     @property
-    def epoch(self) -> int:
-        """Which life of this robot's map frame it is."""
-        return self._engine.own.epoch
+    def life(self) -> int:
+        """Which run of this robot's map frame it is: 64 random bits, drawn when it joined."""
+        return self._engine.own.life
 
     @property
     def T_fleet_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
         """Where the own map frame lies in the fleet's; None while it is unknown."""
-        start = self._engine.own.header.start
+        start = self._engine.own.start
         return None if start is None else start.to_pose()
 
     @property
     def peers(self) -> list[PeerInfo]:
-        """All other robots that are known, living and absent, by name; their latest epoch."""
+        """All other robots that are known, living and absent, by name."""
         return peer_infos(self._engine)
 
     @property
     def maps(self) -> dict[str, dict[str, VectorMap]]:
-        """By robot, the submaps of all others as they are held now, each in its own frame; their latest epoch."""
+        """By robot, the submaps of all others as they are held now, each in its own frame.
+
+        Of the life that runs, or of an absent robot the one with the most edges.
+        """
         return maps_of(self._engine)
 
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
@@ -305,6 +340,10 @@ class Peer:
         """Bytes sent, received and dropped, and what gzipped grids would have cost."""
         return self._ledger.stats()
 
+    def health(self) -> tuple[Problem, ...]:
+        """What is wrong now, in words that say what to do; empty if nothing is."""
+        return problems(self._engine)
+
     async def changes(self) -> AsyncGenerator[Change, None]:
         """What any robot's new map did to the merged one; ``merged`` holds it when the change is yielded.
 
@@ -312,7 +351,6 @@ class Peer:
 
         Raises
         ------
-        NameInUse : another living peer turned out to have this name, and was first
         LinkError : the peer is not connected yet
         """
         if self._state == "new":
@@ -344,14 +382,14 @@ class Peer:
 
         Raises
         ------
-        TimeoutError : something is still missing; the message says what
+        TimeoutError : something is still missing, or disputed among the others; the message says what
         """
         self._check()
         check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
-        check_count("at_least", at_least, most=MAX_PEERS)
+        check_count("at_least", at_least, most=MAX_NEIGHBOURS)
 
         def missing() -> list[str]:
-            seen = len(self._engine.alive)
+            seen = len(self._engine.neighbours.robots() - {self.robot})
             return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
 
         await self._run(self._ask_lists)
@@ -443,12 +481,13 @@ class Peer:
     async def _look(self) -> View:
         return await self._read(partial(view, self._engine))
 
-    async def _run_publish(self, anchor: FixedPose, submap: str, vector_map: VectorMap) -> bool:
-        return await self._run(self._engine.publish, submap, vector_map, anchor=anchor, now_s=self._clock())
+    async def _run_publish(self, anchor: FixedPose, supersedes: bool, submap: str, vector_map: VectorMap) -> bool:
+        return await self._run(
+            self._engine.publish, submap, vector_map, anchor=anchor, supersedes=supersedes, now_s=self._clock()
+        )
 
     def _ask_lists(self) -> None:
-        for robot in list(self._engine.alive):
-            self._engine.ask_list(robot, now_s=self._clock())
+        self._engine.ask_lists(now_s=self._clock())
         self._engine.tick(self._clock())
 
     def _carry_out(self) -> list[Event]:
@@ -456,16 +495,18 @@ class Peer:
         events: list[Event] = []
         for output in self._engine.take_outputs():
             match output:
-                case Put(suffix, payload):
-                    self._link.put(suffix, payload)
-                case Ask(ask_id, robot, suffix, payload):
+                case Put(life, kind, payload):
+                    self._link.put(life, kind, payload)
+                case Ask(ask_id, robot, life, kind, payload):
                     self._link.ask(
-                        robot,
-                        suffix,
+                        (robot, life),
+                        kind,
                         payload,
-                        on_reply=partial(self._inbox.reply, ask_id),
-                        on_end=partial(self._inbox.reply_end, ask_id),
+                        on_reply=partial(self._take_reply, ask_id),
+                        on_end=partial(self._take_reply, ask_id, None),
                     )
+                case Answer(reply, payloads):
+                    reply(payloads)
                 case event:
                     events.append(event)
         return events
@@ -473,8 +514,10 @@ class Peer:
     async def _handle(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
-                case Changed():
+                case MapChanged():
                     self._folder.add([event])
+                case PeersChanged(robot, alive) if robot == self.robot:
+                    logger.warning("%s: another peer of this name is %s", robot, "alive" if alive else "gone")
                 case PeersChanged(robot, alive):
                     logger.info("%s: %s is %s", self.robot, robot, "alive" if alive else "absent")
                     if alive:
@@ -483,10 +526,11 @@ class Peer:
                     if self._supervisor.detour(robot, self._clock()):
                         logger.warning("%s: %s lives but is not linked; connecting anew", self.robot, robot)
                         await self._link.reopen()
-                case EpochChanged(epoch):
-                    await self._link.declare_alive(epoch, self._instance)
-                case NameTaken():
-                    await self._fail(NameInUse(robot=self.robot, fleet=self.fleet))
+                case LifeChanged(life):
+                    await self._link.show(life)
+                case LookAgain():
+                    for token in await self._link.tokens():
+                        self._inbox.deliver(Alive(*token))
         await self._notify()
 
     async def _notify(self) -> None:
@@ -518,26 +562,18 @@ class Peer:
             now_s = self._clock()
             if now_s >= ticked_s + TICK_S:
                 ticked_s = now_s
-            if items or ticked_s == now_s:
-                await self._run(self._feed, items, now_s)
+            for first in range(0, len(items), SLICE):
+                await self._run(self._feed, items[first : first + SLICE], now_s)
+            if not items and ticked_s == now_s:
+                await self._run(self._feed, (), now_s)
 
-    def _feed(self, items: Iterable[Item], now_s: float) -> None:
-        engine = self._engine
+    def _feed(self, items: Iterable[Input], now_s: float) -> None:
         for item in items:
-            match item:
-                case Message(robot, suffix, payload):
-                    engine.on_message(robot, suffix, payload, now_s=now_s)
-                case Alive(token):
-                    engine.on_alive(token.robot, token.epoch, token.instance, now_s=now_s)
-                case Gone(token):
-                    engine.on_gone(token.robot, token.epoch, token.instance)
-                case Query(suffix, payload, reply):
-                    reply(engine.on_query(suffix, payload))
-                case Reply(ask_id, payload):
-                    engine.on_reply(ask_id, payload, now_s=now_s)
-                case ReplyEnd(ask_id):
-                    engine.on_reply_end(ask_id, now_s=now_s)
-        engine.tick(now_s)
+            self._engine.receive(item, now_s=now_s)
+        self._engine.tick(now_s)
+
+    def _take_reply(self, ask_id: int, payload: bytes | None) -> None:
+        self._inbox.deliver(ReplyEnd(ask_id) if payload is None else Reply(ask_id, payload))
 
 
 def _fixed(option: str, pose: Pose2 | None) -> FixedPose | None:

@@ -17,10 +17,11 @@ import zenoh
 
 from fleetmap.accounting import Count
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import NAME, StatsMessage, check_name
+from fleetmap.codecs.messages import StatsMessage
+from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
 from fleetmap.peer.profiles import as_json5, zenoh_settings
-from fleetmap.peer.zenoh_link import parse_token
+from fleetmap.peer.zenoh_link import parse_key, parse_token
 
 ASK_TIMEOUT_S = 2.0
 MAX_ROBOTS = 512
@@ -37,12 +38,14 @@ class Seen:
     alive : whether it shows a token
     endpoint : of the link to it; None if it is not linked or didn't answer
     figures : its answer; None if there was none in time
+    life : whose answer it is
     """
 
     robot: str
     alive: bool
     endpoint: str | None
     figures: StatsMessage | None
+    life: int = 0
 
 
 class Watcher:
@@ -122,11 +125,11 @@ class Watcher:
     def _look(self, session: zenoh.Session) -> list[Seen]:
         tokens = session.liveliness().get(f"fleetmap/{self.fleet}/*/alive/**", timeout=ASK_TIMEOUT_S)
         found = [parse_token(str(reply.ok.key_expr)) for reply in tokens if reply.ok is not None]
-        living = {token.robot for token in found if token is not None and NAME.fullmatch(token.robot)}
-        told: dict[str, tuple[StatsMessage, str]] = {}
+        living = {token[0] for token in found if token is not None}
+        told: dict[str, tuple[StatsMessage, str, int]] = {}
         self.questions.add(0)
         replies = session.get(
-            f"fleetmap/{self.fleet}/*/stats",
+            f"fleetmap/{self.fleet}/*/stats/*",
             timeout=ASK_TIMEOUT_S,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -134,17 +137,20 @@ class Watcher:
         for reply in replies:
             if reply.ok is None:
                 continue
-            robot, payload = str(reply.ok.key_expr).split("/")[2], reply.ok.payload.to_bytes()
+            parsed, payload = parse_key(str(reply.ok.key_expr)), reply.ok.payload.to_bytes()
+            if parsed is None:
+                continue
+            robot, _, life = parsed
             self.answers.add(len(payload))
             try:
                 message = envelope.decode(payload, robot=robot)
             except WireError:
                 continue
-            if isinstance(message, StatsMessage) and NAME.fullmatch(robot):
-                told[robot] = (message, "" if reply.replier_id is None else str(reply.replier_id.zid))
+            if isinstance(message, StatsMessage):
+                told[robot] = (message, "" if reply.replier_id is None else str(reply.replier_id.zid), life)
         endpoints = {str(link.zid): link.dst for link in session.info.links()}
         seen = []
         for robot in sorted(living | told.keys())[:MAX_ROBOTS]:
-            message_or_none, zid = told.get(robot, (None, ""))
-            seen.append(Seen(robot, robot in living, endpoints.get(zid), message_or_none))
+            message_or_none, zid, life = told.get(robot, (None, "", 0))
+            seen.append(Seen(robot, robot in living, endpoints.get(zid), message_or_none, life))
         return seen

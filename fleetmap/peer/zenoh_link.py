@@ -12,10 +12,14 @@ import logging
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
 import zenoh
 from zenoh import ext
 
+from fleetmap.codecs.names import NAME
+from fleetmap.engine import Alive, Gone, Message, Query
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.peer.link import Receiver, Token
 from fleetmap.peer.profiles import as_json5, zenoh_settings
@@ -24,6 +28,8 @@ from fleetmap.peer.profiles import as_json5, zenoh_settings
 
 log = logging.getLogger(__name__)
 
+LIFE = re.compile("[0-9a-f]{16}")
+
 CACHE_SAMPLES = 64
 """Deltas that a publisher keeps for Zenoh's own recovery."""
 HEARTBEAT_S = 0.5
@@ -31,11 +37,14 @@ HEARTBEAT_S = 0.5
 ASK_TIMEOUT_S = 3.0
 DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
-PLAIN_SUFFIXES = ("digest", "pose", "goal")
+PLAIN_KINDS = ("digest", "pose", "goal")
+ASKED_KINDS = ("snapshot", "mirror", "revisions", "stats")
+MAX_SEEN = 4096
+"""Tokens that are remembered, to say that they vanished when the session is opened anew."""
 
 
 class ZenohLink:
-    """A Zenoh session in peer mode under ``fleetmap/<fleet>/<robot>/``.
+    """A Zenoh session in peer mode. Its keys: ``fleetmap/<fleet>/<robot>/<kind>/<life>``, the life in 16 hex digits.
 
     Parameters
     ----------
@@ -63,10 +72,9 @@ class ZenohLink:
         self._endpoint = ", ".join([*connect, *listen]) or profile
         self._expects_peers = bool(connect)
         self._session: zenoh.Session | None = None
-        self._delta: ext.AdvancedPublisher | None = None
         self._declared: list[object] = []
-        self._token: zenoh.LivelinessToken | None = None
-        self._shown: tuple[int, str] | None = None
+        self._shown: Shown | None = None
+        self._life: int | None = None
         self._seen: set[Token] = set()
         self._receiver: Receiver | None = None
         self._closed = threading.Event()
@@ -80,32 +88,38 @@ class ZenohLink:
             # Without the place in Zenoh's source.
             raise LinkError(endpoint=self._endpoint, reason=re.sub(r" at /\S+", "", str(error))) from None
 
-    async def declare_alive(self, epoch: int, instance: str) -> None:
-        """Show the own token, instead of the one before."""
-        await asyncio.to_thread(self._declare_alive, epoch, instance)
+    async def show(self, life: int) -> None:
+        """Show the own token, and be asked and publish under this life, instead of the one before."""
+        await asyncio.to_thread(self._show, life)
 
-    def put(self, suffix: str, payload: bytes) -> None:
+    def put(self, life: int, kind: str, payload: bytes) -> None:
         """Publish under the own key; dropped when a peer's queue is full."""
-        session, delta = self._session, self._delta
-        if session is None or delta is None or self._closed.is_set():
+        session, shown = self._session, self._shown
+        if session is None or self._closed.is_set():
             return
         try:
-            if suffix == "delta":
-                delta.put(payload)
+            if shown is not None and shown.life == life and kind in shown.publishers:
+                shown.publishers[kind].put(payload)
             else:
                 session.put(
-                    f"{self._fleet}/{self._robot}/{suffix}",
+                    self._key(self._robot, kind, life),
                     payload,
                     congestion_control=zenoh.CongestionControl.DROP,
                     allowed_destination=zenoh.Locality.REMOTE,
                 )
         except zenoh.ZError as error:
-            log.debug("%s: put %s: %s", self._robot, suffix, error)
+            log.debug("%s: put %s: %s", self._robot, kind, error)
 
     def ask(
-        self, robot: str, suffix: str, payload: bytes, *, on_reply: Callable[[bytes], None], on_end: Callable[[], None]
+        self,
+        peer: Token,
+        kind: str,
+        payload: bytes,
+        *,
+        on_reply: Callable[[bytes], None],
+        on_end: Callable[[], None],
     ) -> None:
-        """Query another robot's key."""
+        """Query another peer's key."""
         session = self._session
         if session is None or self._closed.is_set():
             on_end()
@@ -117,7 +131,7 @@ class ZenohLink:
 
         try:
             session.get(
-                f"{self._fleet}/{robot}/{suffix}",
+                self._key(peer[0], kind, peer[1]),
                 zenoh.handlers.Callback(take, on_end),
                 payload=payload,
                 timeout=ASK_TIMEOUT_S,
@@ -126,8 +140,13 @@ class ZenohLink:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as error:
-            log.debug("%s: ask %s/%s: %s", self._robot, robot, suffix, error)
+            log.debug("%s: ask %s %s: %s", self._robot, peer[0], kind, error)
             on_end()
+
+    async def tokens(self) -> list[Token]:
+        """The peers that are there now."""
+        session = self._session
+        return [] if session is None else await asyncio.to_thread(self._living, session)
 
     async def reopen(self) -> None:
         """Close the session and open another one: Zenoh has no way to connect a running one."""
@@ -140,21 +159,21 @@ class ZenohLink:
         await asyncio.to_thread(self._drop_session)
 
     def _drop_session(self) -> None:
-        session, self._session, self._delta, self._token = self._session, None, None, None
+        session, self._session, self._shown = self._session, None, None
         if session is not None:
             session.close()  # type: ignore[no-untyped-call]
 
     def _reopen(self, receiver: Receiver) -> None:
         self._drop_session()
         for token in list(self._seen):
-            receiver.gone(token)
+            receiver.deliver(Gone(*token))
         self._seen.clear()
         pause_s = FIRST_RETRY_S
         while not self._closed.is_set():
             try:
                 self._open(receiver)
-                if self._shown is not None:
-                    self._declare_alive(*self._shown)
+                if self._life is not None:
+                    self._show(self._life)
                 return
             except LinkError:  # closed meanwhile
                 return
@@ -173,60 +192,87 @@ class ZenohLink:
             self._session = None
             session.close()  # type: ignore[no-untyped-call]
             raise LinkError(endpoint=self._endpoint, reason="closed while it was opened")
-        own = f"{self._fleet}/{self._robot}"
         remote = zenoh.Locality.REMOTE
 
         def message(sample: zenoh.Sample) -> None:
-            _, _, robot, suffix = str(sample.key_expr).split("/", 3)
-            if not self._closed.is_set():
-                receiver.message(robot, suffix, sample.payload.to_bytes())
+            parsed = parse_key(str(sample.key_expr))
+            if parsed is not None and not self._closed.is_set():
+                robot, kind, life = parsed
+                receiver.deliver(Message(robot, life, kind, sample.payload.to_bytes()))
 
         def liveliness(sample: zenoh.Sample) -> None:
             token = parse_token(str(sample.key_expr))
             if token is None or self._closed.is_set():
                 return
             if sample.kind == zenoh.SampleKind.PUT:
-                self._seen.add(token)
-                receiver.alive(token)
+                if len(self._seen) < MAX_SEEN:
+                    self._seen.add(token)
+                receiver.deliver(Alive(*token))
             else:
                 self._seen.discard(token)
-                receiver.gone(token)
+                receiver.deliver(Gone(*token))
+
+        self._declared = [
+            ext.declare_advanced_subscriber(
+                session,
+                f"{self._fleet}/*/delta/*",
+                message,
+                allowed_origin=remote,
+                recovery=ext.RecoveryConfig(heartbeat=True),  # type: ignore[call-arg]
+            ),
+            *(
+                session.declare_subscriber(f"{self._fleet}/*/{kind}/*", message, allowed_origin=remote)
+                for kind in PLAIN_KINDS
+            ),
+            session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", liveliness, history=True),
+        ]
+        return self._living(session)
+
+    def _show(self, life: int) -> None:
+        session, receiver, before, self._life = self._session, self._receiver, self._shown, life
+        if session is None or receiver is None:
+            return
+        remote = zenoh.Locality.REMOTE
 
         def query(asked: zenoh.Query) -> None:
-            # A question to all has a * in the robot's place; the answer stands under the own key.
-            suffix = str(asked.key_expr).split("/", 3)[3]
+            key = str(asked.key_expr)
+            # A question to all has a * in places; the answer stands under the own key.
+            kind = key.split("/")[3]
             payload = asked.payload.to_bytes() if asked.payload is not None else b""
+            own = self._key(self._robot, kind, life)
             if not self._closed.is_set():
-                receiver.query(suffix, payload, lambda replies: _reply(asked, f"{own}/{suffix}", replies))
+                receiver.deliver(Query(kind, payload, lambda replies: _reply(asked, own, replies)))
 
-        self._delta = ext.declare_advanced_publisher(
+        delta = ext.declare_advanced_publisher(
             session,
-            f"{own}/delta",
+            self._key(self._robot, "delta", life),
             congestion_control=zenoh.CongestionControl.DROP,
             allowed_destination=remote,
             cache=ext.CacheConfig(CACHE_SAMPLES),
             sample_miss_detection=ext.MissDetectionConfig(sporadic_heartbeat=HEARTBEAT_S),  # type: ignore[call-arg]
             publisher_detection=True,
         )
-        self._declared = [
-            ext.declare_advanced_subscriber(
-                session,
-                f"{self._fleet}/*/delta",
-                message,
-                allowed_origin=remote,
-                recovery=ext.RecoveryConfig(heartbeat=True),  # type: ignore[call-arg]
-            ),
-            *(
-                session.declare_subscriber(f"{self._fleet}/*/{suffix}", message, allowed_origin=remote)
-                for suffix in PLAIN_SUFFIXES
-            ),
-            *(
-                session.declare_queryable(f"{own}/{suffix}", query, allowed_origin=remote)
-                for suffix in ("snapshot", "revisions", "mirror/*", "stats")
-            ),
-            session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", liveliness, history=True),
+        plain = {
+            kind: session.declare_publisher(
+                self._key(self._robot, kind, life),
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=remote,
+            )
+            for kind in PLAIN_KINDS
+        }
+        asked = [
+            session.declare_queryable(self._key(self._robot, kind, life), query, allowed_origin=remote)
+            for kind in ASKED_KINDS
         ]
-        return self._living(session)
+        # Last: who sees it asks at once. The reference must be kept: a token dies with it.
+        token = session.liveliness().declare_token(self._key(self._robot, "alive", life))
+        self._shown = Shown(life, {"delta": delta, **plain}, [*asked, token])
+        if before is not None:
+            for declared in [*before.publishers.values(), *before.others]:
+                declared.undeclare()
+
+    def _key(self, robot: str, kind: str, life: int) -> str:
+        return f"{self._fleet}/{robot}/{kind}/{life:016x}"
 
     def _config(self) -> zenoh.Config:
         config = zenoh.Config()
@@ -244,23 +290,42 @@ class ZenohLink:
         tokens = [parse_token(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
         return [token for token in tokens if token is not None]
 
-    def _declare_alive(self, epoch: int, instance: str) -> None:
-        session, before, self._shown = self._session, self._token, (epoch, instance)
-        if session is None:
-            return
-        # The reference must be kept: a token dies with it.
-        self._token = session.liveliness().declare_token(f"{self._fleet}/{self._robot}/alive/{epoch}/{instance}")
-        if before is not None:
-            before.undeclare()  # type: ignore[no-untyped-call]
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What is declared under the own keys of one life."""
+
+    life: int
+    publishers: Mapping[str, Publisher]
+    others: Sequence[Declared]
+
+
+class Declared(Protocol):
+    """Something that a session declared."""
+
+    def undeclare(self) -> None:
+        """Take it back."""
+
+
+class Publisher(Declared, Protocol):
+    """Zenoh's own, plain or advanced."""
+
+    def put(self, payload: bytes) -> None:
+        """Publish."""
+
+
+def parse_key(key: str) -> tuple[str, str, int] | None:
+    """(robot, kind, life) of ``fleetmap/<fleet>/<robot>/<kind>/<life>``; None if it is no such key."""
+    parts = key.split("/")
+    if len(parts) != 5 or not LIFE.fullmatch(parts[4]) or not NAME.fullmatch(parts[2]):
+        return None
+    return parts[2], parts[3], int(parts[4], 16)
 
 
 def parse_token(key: str) -> Token | None:
     """The peer behind a liveliness key; None if it is none of ours."""
-    parts = key.split("/")
-    # isdigit() alone takes superscripts, too, and int() doesn't.
-    if len(parts) != 6 or parts[3] != "alive" or not (parts[4].isascii() and parts[4].isdigit()) or len(parts[4]) > 10:
-        return None
-    return Token(parts[2], int(parts[4]), parts[5])
+    parsed = parse_key(key)
+    return (parsed[0], parsed[2]) if parsed is not None and parsed[1] == "alive" else None
 
 
 def _reply(asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:

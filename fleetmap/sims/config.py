@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fleetmap.codecs.messages import check_name
+from fleetmap.codecs.names import check_name
 from fleetmap.model.errors import ConfigError
 from fleetmap.peer.rendezvous import parse_endpoint
 

@@ -7,7 +7,7 @@ in step however fast their processes run:
     {"robot": ..., "world": ...}        {"ready": true}
     {"go": 4.0}                         {"t_s": 4.0, "state": ..., "bytes_vector": ..., ...}
     {"settle": true}                    {"published": true}         the last of the map goes out
-    {"sync": 10.0}                      {"digest": ..., "revisions": [[robot, epoch, seq, digest], ...]}
+    {"sync": 10.0}                      {"digest": ..., "revisions": [[robot, life, seq, digest], ...]}
     {"write": "r0.fmap"}                {"edges": ..., "stats": {...}}
     {"close": true}                     the child leaves the fleet and ends
 

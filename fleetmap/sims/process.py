@@ -173,7 +173,7 @@ class Child:
             merged = await self.peer.synced(timeout_s)
         except TimeoutError as error:
             return {"digest": "", "revisions": [], "missing": str(error)}
-        revisions = [[robot, r.epoch, r.seq, f"{r.digest:016x}"] for robot, r in self.peer.revisions]
+        revisions = [[robot, f"{r.life:016x}", r.seq, f"{r.digest:016x}"] for robot, r in self.peer.revisions]
         return {"digest": merged.digest, "revisions": revisions}
 
     async def write(self, path: Path) -> dict[str, object]:

@@ -1,0 +1,112 @@
+"""Who is there: the lives whose tokens are seen, whether they have ever spoken, and what each says that it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fleetmap.codecs.messages import Revision
+from fleetmap.engine.stream import Key
+
+MAX_NEIGHBOURS = 512
+MAX_LIVES = 16
+"""Tokens of one name."""
+MAX_CLAIMS = 1 << 16
+"""Rows of lists that are remembered, of all neighbours."""
+MUTE_AFTER = 2
+"""Questions that somebody left unanswered until nobody waits for it."""
+LONGEST_CALM_S = 60.0
+
+
+@dataclass(slots=True)
+class Neighbour:
+    """A life whose token is there.
+
+    Attributes
+    ----------
+    spoke : it has said something that could be understood. Until then it is nobody: a token is easily forged
+    listed : it has said what it holds since it was last asked
+    unanswered : questions in a row that it left unanswered
+    claims : what it says that it holds, by (robot, life)
+    """
+
+    key: Key
+    spoke: bool = False
+    listed: bool = False
+    unanswered: int = 0
+    claims: dict[Key, Revision] = field(default_factory=dict)
+    _differed: tuple[int, int] | None = None
+    _calm_s: float = 0.0
+    _calm_until_s: float = 0.0
+
+    @property
+    def mute(self) -> bool:
+        """Nobody waits for it any more."""
+        return self.unanswered >= MUTE_AFTER
+
+    def differs(self, held: int, own: int, now_s: float) -> bool:
+        """Note its hash over all that it holds; True if its list should be asked for.
+
+        That is when two heartbeats in a row differed from one and the same own hash; ever more seldom, if lists don't
+        help.
+        """
+        if held == own:
+            self._differed, self._calm_s, self._calm_until_s = None, 0.0, 0.0
+            return False
+        twice, self._differed = self._differed == (held, own), (held, own)
+        if not twice or now_s < self._calm_until_s:
+            return False
+        self._calm_s = min(LONGEST_CALM_S, 2 * self._calm_s or 1.0)
+        self._calm_until_s = now_s + self._calm_s
+        return True
+
+
+@dataclass(slots=True)
+class Neighbours:
+    """The table of neighbours, bounded; who has never spoken gives way to who comes.
+
+    Attributes
+    ----------
+    refused : somebody found no room
+    """
+
+    by_key: dict[Key, Neighbour] = field(default_factory=dict)
+    refused: bool = False
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self.by_key
+
+    def robots(self) -> set[str]:
+        """Names that live: at least one life of theirs has spoken. Any thread may call it."""
+        return {n.key[0] for n in list(self.by_key.values()) if n.spoke}
+
+    def add(self, key: Key) -> Neighbour | None:
+        """A token appeared; None if there is no room for it."""
+        if key in self.by_key:
+            return self.by_key[key]
+        of_name = sum(name == key[0] for name, _ in self.by_key)
+        if of_name >= MAX_LIVES or len(self.by_key) >= MAX_NEIGHBOURS:
+            nobody = [n for n in self.by_key.values() if not n.spoke and (of_name < MAX_LIVES or n.key[0] == key[0])]
+            if not nobody:
+                self.refused = True
+                return None
+            # Whoever was asked longest ago and said nothing.
+            del self.by_key[max(nobody, key=lambda n: n.unanswered).key]
+            self.refused = True
+        neighbour = self.by_key[key] = Neighbour(key)
+        return neighbour
+
+    def remove(self, key: Key) -> Neighbour | None:
+        """Its token vanished; None if it wasn't in the table."""
+        return self.by_key.pop(key, None)
+
+    def say(self, neighbour: Neighbour, claims: dict[Key, Revision]) -> None:
+        """What a neighbour says that it holds, instead of what it said before."""
+        neighbour.claims, neighbour.listed = claims, True
+        others = sum(len(n.claims) for n in self.by_key.values()) - len(claims)
+        if others + len(claims) > MAX_CLAIMS:
+            most = max(self.by_key.values(), key=lambda n: len(n.claims))
+            most.claims = dict(list(most.claims.items())[: MAX_CLAIMS // MAX_NEIGHBOURS])
+
+    def holders(self, key: Key) -> dict[Key, Revision]:
+        """Who says that it holds how much of a stream."""
+        return {n.key: n.claims[key] for n in self.by_key.values() if key in n.claims}
