@@ -11,9 +11,9 @@ from fleetmap.model.lattice import EPSILON_CELLS, Lattice
 from fleetmap.model.pose import MAX_UM
 
 MAX_MESSAGE_BYTES = 4 << 20
-MAX_CHUNK_BYTES = 16 << 10
-"""So much of a snapshot is not lost when a link breaks: who asks again says which chunks it has."""
-MAX_CHUNKS = 256
+MAX_CHUNK_BYTES = 2 << 10
+"""What arrived is not lost when a link breaks: who asks again says which chunks it has. 2 s over 9.6 kbit/s."""
+MAX_CHUNKS = 2048
 """A snapshot has at most 4 MB."""
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""

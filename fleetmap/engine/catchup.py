@@ -9,7 +9,9 @@ from fleetmap.engine.stream import Key
 
 GRACE_S = 0.15
 """How long a gap may close by itself before a question is sent: records travel on another key than heartbeats."""
-REPLY_TIMEOUT_S = 3.0
+REPLY_TIMEOUT_S, FIRST_REPLY_TIMEOUT_S = 4.0, 1.5
+"""How long an answer may take; and that of somebody who has never answered. A later one is still of use."""
+MAX_LATE = 256
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 MAX_UNDER_WAY = 32
 MAX_UNDER_WAY_EACH = 4
@@ -55,6 +57,7 @@ class Catchup:
     _lists_due_s: dict[Key, float] = field(default_factory=dict)
     _pairs: dict[About, _Pair] = field(default_factory=dict)
     _under_way: dict[int, _Question] = field(default_factory=dict)
+    _late: dict[int, About] = field(default_factory=dict)
     _next_id: int = 0
 
     def want(self, stream: Key, due_s: float) -> None:
@@ -70,6 +73,7 @@ class Catchup:
         self._lists_due_s.pop(peer, None)
         self._pairs = {about: pair for about, pair in self._pairs.items() if about.peer != peer}
         self._under_way = {i: q for i, q in self._under_way.items() if q.about.peer != peer}
+        self._late = {i: about for i, about in self._late.items() if about.peer != peer}
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
@@ -92,11 +96,20 @@ class Catchup:
         pair = self._pairs.get(about)
         return pair is not None and pair.failures >= FAILED
 
-    def due(self, now_s: float, holders: Callable[[Key], list[Key]]) -> list[About]:
-        """The questions to send now."""
+    def expired(self, now_s: float) -> list[About]:
+        """Give up waiting for answers; returns what was asked in vain."""
+        vain = []
         for ask_id, question in list(self._under_way.items()):
             if question.deadline_s <= now_s:
-                self.ended(ask_id, now_s)
+                about = self.ended(ask_id, now_s)
+                vain += [about] if about is not None else []
+                self._late[ask_id] = question.about
+                if len(self._late) > MAX_LATE:
+                    del self._late[next(iter(self._late))]
+        return vain
+
+    def due(self, now_s: float, holders: Callable[[Key], list[Key]]) -> list[About]:
+        """The questions to send now."""
         busy: dict[Key, int] = {}
         asked: set[Key] = set()
         for question in self._under_way.values():
@@ -132,16 +145,16 @@ class Catchup:
                     break
         return found
 
-    def sent(self, about: About, now_s: float) -> int:
+    def sent(self, about: About, now_s: float, *, timeout_s: float = REPLY_TIMEOUT_S) -> int:
         """A question goes out: its id."""
         self._next_id += 1
-        self._under_way[self._next_id] = _Question(about, now_s + REPLY_TIMEOUT_S)
+        self._under_way[self._next_id] = _Question(about, now_s + timeout_s)
         return self._next_id
 
     def about(self, ask_id: int) -> About | None:
-        """What a question is about; None if it is over."""
+        """What a question is about, even if nobody waits for its answer any more; None if it was long ago."""
         question = self._under_way.get(ask_id)
-        return None if question is None else question.about
+        return self._late.get(ask_id) if question is None else question.about
 
     def helped(self, ask_id: int, now_s: float) -> None:
         """A reply was of use; what is still to come may take its time, within bounds."""
@@ -150,11 +163,14 @@ class Catchup:
             question.helped += 1
             if question.helped < MAX_REPLIES:
                 question.deadline_s = now_s + REPLY_TIMEOUT_S
-            self._pairs.pop(question.about, None)
+        about = self.about(ask_id)
+        if about is not None:
+            self._pairs.pop(about, None)
 
     def ended(self, ask_id: int, now_s: float) -> About | None:
         """No more replies will come: what they didn't settle is asked again. Returns what was asked in vain, if so."""
         question = self._under_way.pop(ask_id, None)
+        self._late.pop(ask_id, None)
         if question is None or question.helped:
             return None
         pair = self._pairs.setdefault(question.about, _Pair())

@@ -34,7 +34,7 @@ from fleetmap.codecs.messages import (
 from fleetmap.codecs.names import NAME, check_name
 from fleetmap.engine.author import Author
 from fleetmap.engine.budget import Budget, Budgets
-from fleetmap.engine.catchup import GRACE_S, About, Catchup
+from fleetmap.engine.catchup import FIRST_REPLY_TIMEOUT_S, GRACE_S, REPLY_TIMEOUT_S, About, Catchup
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
 from fleetmap.engine.holdings import Holdings
@@ -245,7 +245,7 @@ class Engine:
                 name = about.peer[0] if about else "?"
                 self._count(name, "reply", payload, lambda: self._on_reply(ask_id, about, payload, now_s))
             case ReplyEnd(ask_id):
-                self._on_reply_end(ask_id, now_s)
+                self._in_vain(self._catchup.ended(ask_id, now_s), now_s)
         self._ask_due(now_s)
 
     def tick(self, now_s: float) -> None:
@@ -459,14 +459,13 @@ class Engine:
             self._contest = True
         self._catchup.settled(self.own.key)
 
-    def _on_reply_end(self, ask_id: int, now_s: float) -> None:
-        about = self._catchup.ended(ask_id, now_s)
-        if about is not None and about.stream is None:
-            neighbour = self.neighbours.by_key.get(about.peer)
-            if neighbour is not None:
-                neighbour.unanswered += 1
-                if not neighbour.listed:
-                    self._catchup.want_list(about.peer, now_s)
+    def _in_vain(self, about: About | None, now_s: float) -> None:
+        """A question was not answered."""
+        neighbour = None if about is None or about.stream is not None else self.neighbours.by_key.get(about.peer)
+        if neighbour is not None:
+            neighbour.unanswered += 1
+            if not neighbour.listed:
+                self._catchup.want_list(neighbour.key, now_s)
 
     # How it works: who is there
 
@@ -565,6 +564,8 @@ class Engine:
         return sorted(peers, key=lambda peer: (peer != key, -claims[peer].seq, peer))
 
     def _ask_due(self, now_s: float) -> None:
+        for about in self._catchup.expired(now_s):
+            self._in_vain(about, now_s)
         for about in self._catchup.due(now_s, self._holders):
             robot, life = about.peer
             if about.stream is None:
@@ -579,7 +580,9 @@ class Engine:
                     want = replica.want() if replica is not None else Want(name, Revision(other, 0, 0))
                 payload = envelope.encode(want)
             self.ledger.sent("want", len(payload))
-            self._outputs.append(Ask(self._catchup.sent(about, now_s), robot, life, kind, payload))
+            timeout_s = REPLY_TIMEOUT_S if self._present(about.peer) else FIRST_REPLY_TIMEOUT_S
+            ask_id = self._catchup.sent(about, now_s, timeout_s=timeout_s)
+            self._outputs.append(Ask(ask_id, robot, life, kind, payload))
 
     # How it works: what is answered
 

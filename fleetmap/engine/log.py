@@ -12,6 +12,8 @@ from fleetmap.model.errors import ConfigError
 MAX_LOG_BYTES = 1 << 20
 MAX_LOG_RECORDS = 512
 """Bounds of one stream's log; a peer that is farther behind gets a snapshot."""
+MAX_ANSWER_BYTES = 32 << 10
+"""The answer to one question: who lacks more asks again, so that no answer clogs a slow link."""
 MAX_SNAPSHOTS_BYTES = 8 << 20
 """Encoded snapshots that are remembered, of all streams."""
 
@@ -80,19 +82,30 @@ class Snapshots:
 
 
 def answer(stream: Stream, log: RecordLog, want: Want, snapshots: Snapshots) -> list[bytes]:
-    """Messages that lead from what the asker holds to ``stream``: missing records, or a snapshot in chunks."""
+    """Messages that lead from what the asker holds towards ``stream``: missing records, or chunks of a snapshot."""
     held = want.revision
     if stream.seq == 0 or held == stream.revision or held.seq > stream.seq:
         return []
     records = log.since(held)
     # An edge of a snapshot takes about a byte: records are sent as long as they are no longer than that.
     if records is not None and sum(map(len, records)) <= max(2048, stream.edges):
-        return records
+        return _first(records)
     if want.partial is not None:
         rest = snapshots.rest(stream, log, want.partial)
         if rest is not None:
-            return rest
-    return snapshots.of(stream)
+            return _first(rest)
+    return _first(snapshots.of(stream))
+
+
+def _first(messages: list[bytes]) -> list[bytes]:
+    """As many as an answer may hold, and one in any case."""
+    size_bytes, count = 0, 0
+    for message in messages:
+        size_bytes += len(message)
+        if count and size_bytes > MAX_ANSWER_BYTES:
+            break
+        count += 1
+    return messages[:count]
 
 
 def snapshot_messages(stream: Stream) -> list[bytes]:

@@ -10,16 +10,23 @@ import asyncio
 import heapq
 import itertools
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 from fleetmap.engine import Alive, Gone, Message, Query
 from fleetmap.peer.link import Receiver, Token
 
-ASK_TIMEOUT_S = 3.0
+ASK_TIMEOUT_S = 20.0
+OVERHEAD_BYTES = 155
+"""What a payload costs beside itself where a link is narrow, as measured with Zenoh over TCP."""
 
 
 class Clock(Protocol):
     """Something that calls back later."""
+
+    def time(self) -> float:
+        """Seconds, only ever growing."""
+        ...
 
     def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
         """Call after so many seconds."""
@@ -36,6 +43,10 @@ class FakeClock:
 
     def __call__(self) -> float:
         """Seconds since it was made."""
+        return self.now_s
+
+    def time(self) -> float:
+        """The same."""
         return self.now_s
 
     def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
@@ -57,6 +68,10 @@ class LoopClock:
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
 
+    def time(self) -> float:
+        """That of the loop."""
+        return self._loop.time()
+
     def call_later(self, delay_s: float, call: Callable[[], None]) -> None:
         """Call on the loop after so many seconds."""
         self._loop.call_soon_threadsafe(self._loop.call_later, delay_s, call)
@@ -72,10 +87,18 @@ def arrives(sender: str, receiver: str, kind: str) -> Sequence[float]:
 
 
 class MemoryHub:
-    """The medium that links share."""
+    """The medium that links share.
 
-    def __init__(self, clock: Clock, *, fate: Fate = arrives) -> None:
-        self.clock, self.fate = clock, fate
+    Parameters
+    ----------
+    clock : when things arrive
+    fate : which copies of a payload arrive, and when
+    rate_Bps : what a link carries each way, one payload after the other; None: any amount at once
+    """
+
+    def __init__(self, clock: Clock, *, fate: Fate = arrives, rate_Bps: float | None = None) -> None:
+        self.clock, self.fate, self.rate_Bps = clock, fate, rate_Bps
+        self._busy_until_s: dict[tuple[str, str], float] = {}
         self._links: dict[str, MemoryLink] = {}
         self._cuts: set[frozenset[str]] = set()
 
@@ -115,10 +138,22 @@ class MemoryHub:
         """A link closed."""
         self._links.pop(f"{link.robot}/{id(link)}", None)
 
-    def carry(self, sender: str, receiver: str, kind: str, deliver: Callable[[], None]) -> None:
-        """Let a payload meet its fate."""
+    def carry(self, sender: str, receiver: str, kind: str, size_bytes: int, deliver: Callable[[], None]) -> float:
+        """Let a payload meet its fate; returns the seconds until its last copy arrives."""
+        last_s = 0.0
         for delay_s in self.fate(sender, receiver, kind):
+            delay_s += self._queue(sender, receiver, size_bytes)
             self.clock.call_later(delay_s, deliver)
+            last_s = max(last_s, delay_s)
+        return last_s
+
+    def _queue(self, sender: str, receiver: str, size_bytes: int) -> float:
+        if self.rate_Bps is None:
+            return 0.0
+        now_s = self.clock.time()
+        free_s = max(now_s, self._busy_until_s.get((sender, receiver), now_s))
+        self._busy_until_s[sender, receiver] = free_s + size_bytes / self.rate_Bps
+        return self._busy_until_s[sender, receiver] - now_s
 
     def _named(self, robot: str) -> list[MemoryLink]:
         return [link for link in self._links.values() if link.robot == robot]
@@ -172,7 +207,8 @@ class MemoryLink:
             return
         message = Message(self.robot, life, kind, payload)
         for other in self._hub.others(self):
-            self._hub.carry(self.robot, other.robot, kind, lambda o=other: o.receive(message))  # type: ignore[misc]
+            arrive = partial(other.receive, message)
+            self._hub.carry(self.robot, other.robot, kind, OVERHEAD_BYTES + len(payload), arrive)
 
     def receive(self, message: Message) -> None:
         """A sample of another peer arrives."""
@@ -199,26 +235,29 @@ class MemoryLink:
                 ended = True
                 on_end()
 
+        def take(reply: bytes) -> None:
+            if not ended:
+                on_reply(reply)
+
         def answered(other: MemoryLink, replies: Sequence[bytes]) -> None:
             nonlocal waiting
+            last_s = 0.0
             for reply in replies:
-                self._hub.carry(other.robot, self.robot, "reply", lambda r=reply: None if ended else on_reply(r))  # type: ignore[misc]
+                size_bytes = OVERHEAD_BYTES + len(reply)
+                arrives_s = self._hub.carry(other.robot, self.robot, "reply", size_bytes, partial(take, reply))
+                last_s = max(last_s, arrives_s)
             waiting -= 1
             if waiting == 0:
-                # Behind the replies that arrive at once.
-                self._hub.clock.call_later(0.0, end)
+                # Behind the replies.
+                self._hub.clock.call_later(last_s, end)
 
         if not asked:
             self._hub.clock.call_later(0.0, end)
             return
         self._hub.clock.call_later(ASK_TIMEOUT_S, end)
         for other in asked:
-            self._hub.carry(
-                self.robot,
-                other.robot,
-                kind,
-                lambda o=other: o.asked(kind, payload, lambda r: answered(o, r)),  # type: ignore[misc]
-            )
+            arrive = partial(other.asked, kind, payload, partial(answered, other))
+            self._hub.carry(self.robot, other.robot, kind, OVERHEAD_BYTES + len(payload), arrive)
 
     def asked(self, kind: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
         """A question arrives."""

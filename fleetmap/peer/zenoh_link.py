@@ -34,7 +34,8 @@ CACHE_SAMPLES = 64
 """Deltas that a publisher keeps for Zenoh's own recovery."""
 HEARTBEAT_S = 0.5
 """How soon Zenoh tells subscribers of the last sample's number, while there are new ones."""
-ASK_TIMEOUT_S = 3.0
+ASK_TIMEOUT_S = 20.0
+"""The engine waits less; over a slow link an answer may still come."""
 DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 PLAIN_KINDS = ("digest", "pose", "goal")
