@@ -55,6 +55,8 @@ from fleetmap.model.vectormap import VectorMap
 
 CONTEST_S = 1.0
 """At least so long between two words that are said only because somebody spoke in this robot's name."""
+RELIST_S = 1.0
+"""After so long a list is asked for anew that promised what its sender then didn't have."""
 WORK_BPS, WORK_BURST_BYTES, WORKERS = 256 << 10, 8 << 20, 2048
 """What one name may have a peer decode. A snapshot is 4 MB at most; what is refused counts sixteenfold."""
 REFUSED_COUNTS = 16
@@ -108,6 +110,7 @@ class Engine:
         self._said_bytes = 0
         self._refused: ConfigError | None = None
         self._said: dict[str, bytes] = {}
+        self._listed: tuple[int, dict[Key, Revision]] = (-1, {})
         self._contested_s = -math.inf
         self._contest = False
         self._outputs: list[Output] = []
@@ -258,6 +261,8 @@ class Engine:
                 self.send_waiting(now_s)
             except ConfigError as error:  # who published it is told at the next call
                 self._refused = error
+        for robot in sorted(self.holdings.undecided):
+            self._settle(robot)
         if self._contest and now_s >= self._contested_s + CONTEST_S:
             self._contest, self._contested_s = False, now_s
             self._commit(even_if_nothing=True)
@@ -322,8 +327,12 @@ class Engine:
                 self._on_words(key, message, payload, now_s, speaker=key)
             case "digest", Heartbeat(seq, held):
                 if neighbour is not None:
+                    own_hash = self.holdings.held_hash()
+                    if held == own_hash:
+                        # It holds what is held here, whatever its last list said.
+                        neighbour.claims, neighbour.listed = self._own_claims(own_hash), True
                     self._claims(neighbour, key, Revision(key[1], seq, 0), now_s + GRACE_S, now_s)
-                    if neighbour.differs(held, self.holdings.held_hash(), now_s):
+                    if neighbour.differs(held, own_hash, now_s):
                         neighbour.listed = False
                         self._catchup.want_list(key, now_s)
             case ("pose", PoseMessage() as said) | ("goal", GoalMessage() as said):
@@ -461,11 +470,17 @@ class Engine:
 
     def _in_vain(self, about: About | None, now_s: float) -> None:
         """A question was not answered."""
-        neighbour = None if about is None or about.stream is not None else self.neighbours.by_key.get(about.peer)
-        if neighbour is not None:
+        neighbour = None if about is None else self.neighbours.by_key.get(about.peer)
+        if about is None or neighbour is None:
+            return
+        if about.stream is None:
             neighbour.unanswered += 1
             if not neighbour.listed:
                 self._catchup.want_list(neighbour.key, now_s)
+        elif not self._catchup.in_vain(about):
+            # Perhaps it has dropped the stream since it said that it holds it.
+            neighbour.listed = False
+            self._catchup.want_list(neighbour.key, now_s + RELIST_S)
 
     # How it works: who is there
 
@@ -516,10 +531,16 @@ class Engine:
         """An author says how far it is; its digest isn't said, and not asked for as long as the seq is right."""
         known = neighbour.claims.get(key)
         if known is None or known.seq != revision.seq:
-            neighbour.claims[key] = revision
+            neighbour.claims = {**neighbour.claims, key: revision}
             self._catchup.renewed(About(neighbour.key, key), now_s)
         if self._behind(key):
             self._catchup.want(key, due_s)
+
+    def _own_claims(self, held: int) -> dict[Key, Revision]:
+        """What a list of this peer would say; one for all neighbours that hold the same."""
+        if self._listed[0] != held:
+            self._listed = (held, {s.key: s.revision for s in self.holdings.streams()})
+        return self._listed[1]
 
     def _announced(self, key: Key, seq: int, due_s: float) -> None:
         """An author's word that can't be used yet shows that there is more."""
@@ -527,8 +548,12 @@ class Engine:
         if neighbour is not None:
             known = neighbour.claims.get(key)
             if known is None or known.seq < seq:
-                neighbour.claims[key] = Revision(key[1], seq, 0)
+                neighbour.claims = {**neighbour.claims, key: Revision(key[1], seq, 0)}
             self._catchup.want(key, due_s)
+
+    def _coming(self, key: Key) -> bool:
+        """Whether more of a stream can be expected."""
+        return self._behind(key, waiting=True)
 
     def _claimed_streams(self) -> set[Key]:
         return {key for n in self.neighbours.by_key.values() for key in n.claims}
@@ -674,7 +699,7 @@ class Engine:
 
     def _settle(self, robot: str) -> None:
         """Keep of a robot's lives what is to be kept, and name the own ones."""
-        self._dropped(self.holdings.settle(robot, lambda life: (robot, life) in self.neighbours))
+        self._dropped(self.holdings.settle(robot, lambda life: (robot, life) in self.neighbours, self._coming))
         self._dropped(self.holdings.find_room(self._present))
         if robot == self.robot:
             names = self.holdings.names(lambda life: (robot, life) in self.neighbours)
@@ -688,6 +713,8 @@ class Engine:
     def _dropped(self, streams: Iterable[Stream]) -> None:
         for stream in streams:
             self._catchup.stream_gone(stream.key)
+            if self._behind(stream.key):
+                self._catchup.want(stream.key, 0.0)
             self._outputs.append(gone_event(stream))
 
     def _merged_streams(self) -> list[Stream]:

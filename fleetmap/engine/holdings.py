@@ -33,11 +33,13 @@ class Holdings:
     Attributes
     ----------
     hidden : streams that the user has this peer forget, as they were then
+    undecided : robots of whose lives one may have to go, once all of it has come
     """
 
     author: Author
     replicas: dict[Key, Replica] = field(default_factory=dict)
     hidden: dict[Key, State] = field(default_factory=dict)
+    undecided: set[str] = field(default_factory=set)
     _dropped: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
     """Not asked for again as they were: whoever still offers them has not heard yet why they go."""
 
@@ -71,20 +73,25 @@ class Holdings:
         said = [item for key, s in streams.items() if key not in here for item in s.forgets.items()]
         return here | {key for key, state in said if key in streams and streams[key].state == state}
 
-    def settle(self, robot: str, lives: Callable[[int], bool]) -> list[Stream]:
+    def settle(self, robot: str, lives: Callable[[int], bool], behind: Callable[[Key], bool]) -> list[Stream]:
         """Drop the lives of a robot that need not be kept; returns them as they were.
 
         Parameters
         ----------
         lives : whether a life's token is there. A superseded one that lives is held on to: it may go on
+        behind : whether more of a stream is known to be on its way. What it is worth is not known before
         """
         replicas = [r for key, r in self.replicas.items() if key[0] == robot and r.stream.seq > 0]
         own = [self.own] if robot == self.own.robot else []
         kept = kept_lives([*own, *(r.stream for r in replicas)])
         gone = []
+        self.undecided.discard(robot)
         for replica in replicas:
             was, replica.kept = replica.kept, replica.stream.life in kept
-            if not replica.kept and not lives(replica.stream.life):
+            if not replica.kept and behind(replica.key):
+                replica.kept = True
+                self.undecided.add(robot)
+            elif not replica.kept and not lives(replica.stream.life):
                 gone.append(self.drop(replica.key))
             elif was and not replica.kept:
                 gone.append(replica.stream)
