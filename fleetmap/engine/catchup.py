@@ -36,6 +36,7 @@ class _Pair:
 
     failures: int = 0
     again_s: float = 0.0
+    asked: int = 0
 
 
 @dataclass(slots=True)
@@ -131,23 +132,28 @@ class Catchup:
             asks = any(q.about == About(peer, None) for q in self._under_way.values())
             if due_s <= now_s and not asks and take(About(peer, None)):
                 del self._lists_due_s[peer]
-        for stream, due_s in sorted(self._due_s.items(), key=lambda item: (item[1], item[0])):
-            if due_s > now_s or stream in asked:
+        ready = sorted((due_s, stream) for stream, due_s in self._due_s.items() if due_s <= now_s)
+        for _, stream in ready:
+            if len(self._under_way) + len(found) >= MAX_UNDER_WAY:
+                break
+            if stream in asked:
                 continue
             peers = holders(stream)
             if not peers:
                 del self._due_s[stream]
                 continue
-            # Whom it was asked of in vain comes last.
-            failures = {peer: self._failures(About(peer, stream)) for peer in peers}
-            for peer in sorted(peers, key=lambda peer: (failures[peer], peers.index(peer))):
-                if take(About(peer, stream)):
-                    break
+            # Each in turn, whoever promises most: the author again and again while it answers.
+            order = sorted(peers, key=lambda peer: self._turn(About(peer, stream)))
+            if not any(take(About(peer, stream)) for peer in order):
+                # Not looked at again before one of them may be asked.
+                again_s = [self._pairs[about].again_s for peer in peers if (about := About(peer, stream)) in self._pairs]
+                self._due_s[stream] = max(now_s + FIRST_RETRY_S, min(again_s, default=0.0))
         return found
 
     def sent(self, about: About, now_s: float, *, timeout_s: float = REPLY_TIMEOUT_S) -> int:
         """A question goes out: its id."""
         self._next_id += 1
+        self._pairs.setdefault(about, _Pair()).asked = self._next_id
         self._under_way[self._next_id] = _Question(about, now_s + timeout_s)
         return self._next_id
 
@@ -164,8 +170,9 @@ class Catchup:
             if question.helped < MAX_REPLIES:
                 question.deadline_s = now_s + REPLY_TIMEOUT_S
         about = self.about(ask_id)
-        if about is not None:
-            self._pairs.pop(about, None)
+        pair = None if about is None else self._pairs.get(about)
+        if pair is not None:
+            pair.failures, pair.again_s = 0, 0.0
 
     def ended(self, ask_id: int, now_s: float) -> About | None:
         """No more replies will come: what they didn't settle is asked again. Returns what was asked in vain, if so."""
@@ -178,6 +185,9 @@ class Catchup:
         pair.failures = min(pair.failures + 1, 16)
         return question.about
 
-    def _failures(self, about: About) -> int:
+    def _turn(self, about: About) -> tuple[bool, int]:
+        """When a peer is asked about a stream: its author first, unless that was in vain; who was asked last, last."""
         pair = self._pairs.get(about)
-        return 0 if pair is None else pair.failures
+        if pair is None:
+            return about.peer != about.stream, 0
+        return about.peer != about.stream or pair.failures > 0, pair.asked

@@ -573,7 +573,7 @@ class Engine:
             claims = {peer: r for peer, r in claims.items() if not self._catchup.in_vain(About(peer, key))}
         if key == self.own.key:
             return sorted(peer for peer, revision in claims.items() if revision.seq > self.own.seq and not waiting)
-        held, replica = self.holdings.held(key).revision, self.holdings.replicas.get(key)
+        held, replica = self.holdings.revision(key), self.holdings.replicas.get(key)
         peers = [peer for peer, r in claims.items() if r.seq > held.seq and not self.holdings.was_dropped(key, r)]
         if key in self.neighbours:
             said = claims.get(key)

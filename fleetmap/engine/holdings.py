@@ -62,6 +62,11 @@ class Holdings:
         replica = self.replicas.get(key)
         return replica.stream if replica is not None else Stream(*key)
 
+    def revision(self, key: Key) -> Revision:
+        """A replica's revision; with seq 0 if there is none."""
+        replica = self.replicas.get(key)
+        return replica.stream.revision if replica is not None else Revision(key[1], 0, 0)
+
     def was_dropped(self, key: Key, revision: Revision) -> bool:
         """Whether this very revision was dropped, and isn't wanted back."""
         return self._dropped.get(key) == revision
