@@ -14,6 +14,7 @@ MAX_CLAIMS = 1 << 16
 """Rows of lists that are remembered, of all neighbours."""
 MUTE_AFTER = 2
 """Questions that somebody left unanswered until nobody waits for it."""
+MANY_DIFFERENCES = 4
 LONGEST_CALM_S = 60.0
 
 
@@ -35,6 +36,7 @@ class Neighbour:
     unanswered: int = 0
     claims: dict[Key, Revision] = field(default_factory=dict)
     _differed: tuple[int, int] | None = None
+    _differences: int = 0
     _calm_s: float = 0.0
     _calm_until_s: float = 0.0
 
@@ -46,14 +48,15 @@ class Neighbour:
     def differs(self, held: int, own: int, now_s: float) -> bool:
         """Note its hash over all that it holds; True if its list should be asked for.
 
-        That is when two heartbeats in a row differed from one and the same own hash; ever more seldom, if lists don't
-        help.
+        That is when two heartbeats in a row differed from one and the same own hash, or, where somebody speaks all the
+        time, a few differed; ever more seldom, if lists don't help.
         """
         if held == own:
-            self._differed, self._calm_s, self._calm_until_s = None, 0.0, 0.0
+            self._differed, self._differences, self._calm_s, self._calm_until_s = None, 0, 0.0, 0.0
             return False
         twice, self._differed = self._differed == (held, own), (held, own)
-        if not twice or now_s < self._calm_until_s:
+        self._differences += 1
+        if not (twice or self._differences >= MANY_DIFFERENCES) or now_s < self._calm_until_s:
             return False
         self._calm_s = min(LONGEST_CALM_S, 2 * self._calm_s or 1.0)
         self._calm_until_s = now_s + self._calm_s
