@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -59,15 +60,23 @@ class Catchup:
     _pairs: dict[About, _Pair] = field(default_factory=dict)
     _under_way: dict[int, _Question] = field(default_factory=dict)
     _late: dict[int, About] = field(default_factory=dict)
+    _parked: dict[Key, Key] = field(default_factory=dict)
+    """Streams that wait until a peer has answered something else."""
     _next_id: int = 0
+    _look_s: float = 0.0
+    """Before then nothing can be due."""
 
     def want(self, stream: Key, due_s: float) -> None:
         """Ask about a stream at ``due_s``, or earlier if that was planned."""
+        if stream in self._parked:
+            return
         self._due_s[stream] = min(due_s, self._due_s.get(stream, due_s))
+        self._look_s = min(self._look_s, due_s)
 
     def want_list(self, peer: Key, due_s: float) -> None:
         """Ask a peer what it holds."""
         self._lists_due_s[peer] = min(due_s, self._lists_due_s.get(peer, due_s))
+        self._look_s = min(self._look_s, due_s)
 
     def peer_gone(self, peer: Key) -> None:
         """Nothing can be had from it any more."""
@@ -75,6 +84,8 @@ class Catchup:
         self._pairs = {about: pair for about, pair in self._pairs.items() if about.peer != peer}
         self._under_way = {i: q for i, q in self._under_way.items() if q.about.peer != peer}
         self._late = {i: about for i, about in self._late.items() if about.peer != peer}
+        for stream in [stream for stream, at in self._parked.items() if at == peer]:
+            self._unpark(stream, 0.0)
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
@@ -84,6 +95,7 @@ class Catchup:
     def settled(self, stream: Key) -> None:
         """Nothing of a stream is missing."""
         self._due_s.pop(stream, None)
+        self._parked.pop(stream, None)
 
     def renewed(self, about: About, now_s: float) -> None:
         """A peer says something else of a stream than before: what came of asking no longer counts."""
@@ -91,6 +103,7 @@ class Catchup:
         if pair is not None:
             # Not at once: who says something else all the time would be asked all the time.
             pair.failures, pair.again_s = 0, min(pair.again_s, now_s + FIRST_RETRY_S)
+            self._look_s = min(self._look_s, pair.again_s)
 
     def in_vain(self, about: About) -> bool:
         """Whether what a peer claims is not to be waited for."""
@@ -111,43 +124,51 @@ class Catchup:
 
     def due(self, now_s: float, holders: Callable[[Key], list[Key]]) -> list[About]:
         """The questions to send now."""
+        if now_s < self._look_s:
+            return []
         busy: dict[Key, int] = {}
-        asked: set[Key] = set()
+        asked = set()
         for question in self._under_way.values():
             busy[question.about.peer] = busy.get(question.about.peer, 0) + 1
-            if question.about.stream is not None:
-                asked.add(question.about.stream)
+            asked.add(question.about.stream or question.about.peer)
         found: list[About] = []
 
         def take(about: About) -> bool:
-            pair = self._pairs.get(about)
-            free = len(self._under_way) + len(found) < MAX_UNDER_WAY and busy.get(about.peer, 0) < MAX_UNDER_WAY_EACH
-            if not free or (pair is not None and pair.again_s > now_s):
+            if len(self._under_way) + len(found) >= MAX_UNDER_WAY or busy.get(about.peer, 0) >= MAX_UNDER_WAY_EACH:
                 return False
             busy[about.peer] = busy.get(about.peer, 0) + 1
             found.append(about)
             return True
 
-        for peer, due_s in sorted(self._lists_due_s.items(), key=lambda item: (item[1], item[0])):
-            asks = any(q.about == About(peer, None) for q in self._under_way.values())
-            if due_s <= now_s and not asks and take(About(peer, None)):
+        for peer in _ready(self._lists_due_s, now_s):
+            about = About(peer, None)
+            if self._again_s(about) > now_s:
+                self._lists_due_s[peer] = self._again_s(about)
+            elif peer not in asked and take(about):
                 del self._lists_due_s[peer]
-        ready = sorted((due_s, stream) for stream, due_s in self._due_s.items() if due_s <= now_s)
-        for _, stream in ready:
-            if len(self._under_way) + len(found) >= MAX_UNDER_WAY:
-                break
+        for stream in _ready(self._due_s, now_s):
             if stream in asked:
                 continue
             peers = holders(stream)
             if not peers:
                 del self._due_s[stream]
                 continue
+            if len(self._under_way) + len(found) >= MAX_UNDER_WAY:
+                break
+            again_s = {peer: self._again_s(About(peer, stream)) for peer in peers}
+            may = [peer for peer in peers if again_s[peer] <= now_s]
             # Each in turn, whoever promises most: the author again and again while it answers.
-            order = sorted(peers, key=lambda peer: self._turn(About(peer, stream)))
-            if not any(take(About(peer, stream)) for peer in order):
-                # Not looked at again before one of them may be asked.
-                again_s = [self._pairs[about].again_s for peer in peers if (about := About(peer, stream)) in self._pairs]
-                self._due_s[stream] = max(now_s + FIRST_RETRY_S, min(again_s, default=0.0))
+            may.sort(key=lambda peer: self._turn(About(peer, stream)))
+            if any(take(About(peer, stream)) for peer in may):
+                continue
+            if len(may) < len(peers):
+                self._due_s[stream] = min(due_s for due_s in again_s.values() if due_s > now_s)
+            else:
+                del self._due_s[stream]
+                self._parked[stream] = may[0]
+        later = [due_s for dues in (self._due_s, self._lists_due_s) for due_s in dues.values() if due_s > now_s]
+        # What is due and was not sent waits for an answer to something else: ``ended`` looks again.
+        self._look_s = min(later, default=math.inf)
         return found
 
     def sent(self, about: About, now_s: float, *, timeout_s: float = REPLY_TIMEOUT_S) -> int:
@@ -178,6 +199,11 @@ class Catchup:
         """No more replies will come: what they didn't settle is asked again. Returns what was asked in vain, if so."""
         question = self._under_way.pop(ask_id, None)
         self._late.pop(ask_id, None)
+        self._look_s = 0.0
+        if question is not None:
+            parked = next((stream for stream, at in self._parked.items() if at == question.about.peer), None)
+            if parked is not None:
+                self._unpark(parked, now_s)
         if question is None or question.helped:
             return None
         pair = self._pairs.setdefault(question.about, _Pair())
@@ -185,9 +211,22 @@ class Catchup:
         pair.failures = min(pair.failures + 1, 16)
         return question.about
 
+    def _unpark(self, stream: Key, now_s: float) -> None:
+        del self._parked[stream]
+        self.want(stream, now_s)
+
+    def _again_s(self, about: About) -> float:
+        pair = self._pairs.get(about)
+        return 0.0 if pair is None else pair.again_s
+
     def _turn(self, about: About) -> tuple[bool, int]:
         """When a peer is asked about a stream: its author first, unless that was in vain; who was asked last, last."""
         pair = self._pairs.get(about)
         if pair is None:
             return about.peer != about.stream, 0
         return about.peer != about.stream or pair.failures > 0, pair.asked
+
+
+def _ready(dues: dict[Key, float], now_s: float) -> list[Key]:
+    """What is due, in that order."""
+    return [key for _, key in sorted((due_s, key) for key, due_s in dues.items() if due_s <= now_s)]
