@@ -68,8 +68,7 @@ class Catchup:
 
     def want(self, stream: Key, due_s: float) -> None:
         """Ask about a stream at ``due_s``, or earlier if that was planned."""
-        if stream in self._parked:
-            return
+        self._parked.pop(stream, None)
         self._due_s[stream] = min(due_s, self._due_s.get(stream, due_s))
         self._look_s = min(self._look_s, due_s)
 
@@ -85,7 +84,7 @@ class Catchup:
         self._under_way = {i: q for i, q in self._under_way.items() if q.about.peer != peer}
         self._late = {i: about for i, about in self._late.items() if about.peer != peer}
         for stream in [stream for stream, at in self._parked.items() if at == peer]:
-            self._unpark(stream, 0.0)
+            self.want(stream, 0.0)
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
@@ -203,17 +202,13 @@ class Catchup:
         if question is not None:
             parked = next((stream for stream, at in self._parked.items() if at == question.about.peer), None)
             if parked is not None:
-                self._unpark(parked, now_s)
+                self.want(parked, now_s)
         if question is None or question.helped:
             return None
         pair = self._pairs.setdefault(question.about, _Pair())
         pair.again_s = now_s + min(FIRST_RETRY_S * 2**pair.failures, LONGEST_RETRY_S)
         pair.failures = min(pair.failures + 1, 16)
         return question.about
-
-    def _unpark(self, stream: Key, now_s: float) -> None:
-        del self._parked[stream]
-        self.want(stream, now_s)
 
     def _again_s(self, about: About) -> float:
         pair = self._pairs.get(about)
