@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from fleetmap.model.metrics import compare
     from fleetmap.model.pose import Pose2
     from fleetmap.model.vectormap import VectorMap
-    from fleetmap.peer import Peer, join
+    from fleetmap.peer import JoinOptions, Peer, join
     from fleetmap.planners import plan
     from fleetmap.vectorize import Vectorizer, rasterize
 
 _HOMES = {
     "ConfigError": "fleetmap.model.errors",
     "FleetmapError": "fleetmap.model.errors",
+    "JoinOptions": "fleetmap.peer",
     "LinkError": "fleetmap.model.errors",
     "MapFormatError": "fleetmap.model.errors",
     "MapWarning": "fleetmap.model.errors",
@@ -61,6 +62,7 @@ _HOMES = {
 __all__ = [
     "ConfigError",
     "FleetmapError",
+    "JoinOptions",
     "LinkError",
     "MapFormatError",
     "MapWarning",

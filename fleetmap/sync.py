@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import AsyncGenerator, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Coroutine, Iterator
 from concurrent.futures import CancelledError
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
@@ -21,9 +21,9 @@ from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
-from fleetmap.peer import join as join_async
 from fleetmap.peer.health import Problem
-from fleetmap.peer.link import Link
+from fleetmap.peer.join import make_peer
+from fleetmap.peer.options import JoinOptions, taking
 
 if TYPE_CHECKING:
     from fleetmap.planners.protocol import Path
@@ -207,38 +207,16 @@ async def _next(changes: AsyncGenerator[Change, None], timeout_s: float | None) 
         return await anext(changes)
 
 
-def join(
-    robot: str,
-    *,
-    fleet: str = "default",
-    level: str = "0",
-    start: Pose2 | None = None,
-    connect: Sequence[str] = (),
-    listen: Sequence[str] = (),
-    profile: str = "lan",
-    config: Mapping[str, object] | None = None,
-    budget_Bps: float | None = None,
-    max_rate_hz: float | None = None,
-    baselines: bool = True,
-    link: Link | None = None,
-) -> SyncPeer:
+@taking(JoinOptions)
+def join(options: JoinOptions) -> SyncPeer:
     """Join a fleet and connect: ``with fleetmap.sync.join("r7") as peer: ...``.
 
-    The options are those of ``fleetmap.join``, without the ones for tuning.
+    The options are those of ``fleetmap.join``, one by one: ``help(fleetmap.JoinOptions)``.
+
+    Raises
+    ------
+    ConfigError : an option has an impossible value
+    NameInUse : a living peer has this name
+    LinkError : the transport could not be opened
     """
-    return SyncPeer(
-        join_async(
-            robot,
-            fleet=fleet,
-            level=level,
-            start=start,
-            connect=connect,
-            listen=listen,
-            profile=profile,
-            config=config,
-            budget_Bps=budget_Bps,
-            max_rate_hz=max_rate_hz,
-            baselines=baselines,
-            link=link,
-        )
-    )
+    return SyncPeer(make_peer(options))

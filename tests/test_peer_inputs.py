@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
+import re
 import subprocess
 import sys
 import warnings
@@ -41,8 +43,6 @@ OPTIONS = [
     ({"budget_Bps": -1.0}, "expected a number above 0"),
     ({"max_rate_hz": True}, "max_rate_hz=True: expected a number above 0"),
     ({"max_rate_hz": np.nan}, "expected a number above 0"),
-]
-TUNING = [
     ({"heartbeat_s": "x"}, "heartbeat_s='x': expected seconds, more than 0"),
     ({"heartbeat_s": 0}, "expected seconds, more than 0"),
     ({"heartbeat_s": np.nan}, "expected seconds, more than 0"),
@@ -53,7 +53,7 @@ TUNING = [
 ]
 
 
-@pytest.mark.parametrize(("options", "expected"), OPTIONS + TUNING)
+@pytest.mark.parametrize(("options", "expected"), OPTIONS)
 async def test_an_option_that_cannot_be_is_refused_when_joining(options, expected):
     hub = MemoryHub(LoopClock())
     with pytest.raises(ConfigError, match=expected):
@@ -65,6 +65,24 @@ async def test_the_sync_facade_refuses_the_same_options(options, expected):
     hub = MemoryHub(LoopClock())
     with pytest.raises(ConfigError, match=expected):
         fleetmap.sync.join("a", link=hub.link("a"), **options)
+
+
+def test_both_faces_take_the_same_options_and_show_each_of_them():
+    asyncio_face, sync_face = inspect.signature(fleetmap.join), inspect.signature(fleetmap.sync.join)
+    assert asyncio_face.parameters == sync_face.parameters
+    assert asyncio_face.parameters["heartbeat_s"].default == 2.0
+    assert [face.return_annotation for face in (asyncio_face, sync_face)] == ["Peer", "SyncPeer"]
+    for join in (fleetmap.join, fleetmap.sync.join):
+        with pytest.raises(TypeError, match="'flet'"):
+            join("a", flet="site-4")
+        with pytest.raises(ConfigError, match="robot=''"):
+            join(robot="")
+
+
+def test_each_option_is_explained():
+    explained = re.findall(r"^([\w, ]+) :", inspect.getdoc(fleetmap.JoinOptions), re.MULTILINE)
+    names = [name for line in explained for name in line.split(", ")]
+    assert set(inspect.signature(fleetmap.join).parameters) == set(names) - {"ConfigError"}
 
 
 @pytest.mark.parametrize(

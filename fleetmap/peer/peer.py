@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncGenerator, Awaitable, Callable, Collection, Generator, Iterable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from types import TracebackType
@@ -27,7 +27,6 @@ from fleetmap.engine import (
     Event,
     Input,
     LifeChanged,
-    Limits,
     LookAgain,
     MapChanged,
     PeersChanged,
@@ -54,6 +53,7 @@ from fleetmap.peer.inbox import Inbox
 from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
 from fleetmap.peer.link import Link
 from fleetmap.peer.namesake import answers
+from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose
 from fleetmap.peer.publisher import GridPublisher
 from fleetmap.peer.supervisor import LinkSupervisor
 
@@ -70,7 +70,6 @@ _NOT_OPEN = {
     "new": "the peer is not connected yet: `async with fleetmap.join(...) as peer`, or `peer = await join(...)`",
     "closed": "the peer is closed: join again",
 }
-_HOW_TO_POSE = "write Pose2(x_m, y_m, yaw_rad)"
 _HOW_TO_PUBLISH = "OccupancyGrid(cells_yx, resolution_m) makes one of an array; a merged map is never published again"
 
 P = ParamSpec("P")
@@ -82,13 +81,10 @@ class Peer:
 
     Parameters
     ----------
-    robot, fleet, level : names
-    start : T_fleet_robot, None while it is unknown
+    options : what ``join`` was told
     link : the transport
     seed : 16 random bytes, of which the life is made; never shown
     clock : seconds, only ever growing
-    fold_interval_s : at least so long between two folds that nobody waits for
-    heartbeat_s, budget_Bps, max_rate_hz, baselines, if_taken, allow, limits : see ``fleetmap.join``
 
     Attributes
     ----------
@@ -96,40 +92,25 @@ class Peer:
     """
 
     def __init__(
-        self,
-        robot: str,
-        *,
-        fleet: str,
-        level: str,
-        start: Pose2 | None,
-        link: Link,
-        seed: bytes,
-        clock: Callable[[], float] = time.monotonic,
-        fold_interval_s: float = 0.2,
-        heartbeat_s: float = 2.0,
-        budget_Bps: float | None = None,
-        max_rate_hz: float | None = None,
-        baselines: bool = True,
-        if_taken: str = "refuse",
-        allow: Collection[str] | None = None,
-        limits: Limits | None = None,
+        self, options: JoinOptions, *, link: Link, seed: bytes, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.robot, self.fleet, self.level = robot, fleet, level
-        self._clock, self._link, self._if_taken = clock, link, if_taken
+        robot = options.robot
+        self.robot, self.fleet, self.level = robot, options.fleet, options.level
+        self._clock, self._link, self._if_taken = clock, link, options.if_taken
         self._ledger = Ledger()
         self._engine = Engine(
             robot,
             chain=Chain(seed),
-            level=level,
-            start=_fixed("start", start),
-            heartbeat_s=heartbeat_s,
-            quota=Quota(budget_Bps, max_rate_hz),
+            level=options.level,
+            start=fixed_pose("start", options.start),
+            heartbeat_s=options.heartbeat_s,
+            quota=Quota(options.budget_Bps, options.max_rate_hz),
             ledger=self._ledger,
-            allow=allow,
-            limits=limits,
+            allow=options.allow,
+            limits=options.limits,
         )
-        self._publisher = GridPublisher(self._ledger, baselines=baselines, robot=robot)
-        self._folder = Folder(robot, self._look, interval_s=fold_interval_s, clock=clock)
+        self._publisher = GridPublisher(self._ledger, baselines=options.baselines, robot=robot)
+        self._folder = Folder(robot, self._look, interval_s=options.fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
         self.stepped, self._steps = asyncio.Condition(), 0
         self._tasks: list[asyncio.Task[None]] = []
@@ -237,7 +218,7 @@ class Peer:
         """
         self._check()
         check_name("submap", submap)
-        fixed = _fixed("anchor", anchor) or FixedPose()
+        fixed = fixed_pose("anchor", anchor) or FixedPose()
         if isinstance(source, OccupancyGrid):
             source = source.with_thresholds(free_below=free_below, occupied_above=occupied_above)
         else:
@@ -252,7 +233,7 @@ class Peer:
     async def set_pose(self, pose: Pose2) -> None:
         """Announce where the robot is, in its map frame."""
         self._check()
-        check_type("pose", pose, Pose2, hint=_HOW_TO_POSE)
+        check_type("pose", pose, Pose2, hint=HOW_TO_POSE)
         await self._run(self._engine.set_pose, pose.x_m, pose.y_m, pose.yaw_rad)
 
     async def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
@@ -270,7 +251,7 @@ class Peer:
             together with another map of the component
         """
         self._check()
-        await self._run(self._engine.set_start, _fixed("start", start))
+        await self._run(self._engine.set_start, fixed_pose("start", start))
 
     async def forget(self, robot: str, *, everywhere: bool = False) -> None:
         """Leave what a robot has said so far out of the merged map. One that lives is back with its next word.
@@ -574,8 +555,3 @@ class Peer:
 
     def _take_reply(self, ask_id: int, payload: bytes | None) -> None:
         self._inbox.deliver(ReplyEnd(ask_id) if payload is None else Reply(ask_id, payload))
-
-
-def _fixed(option: str, pose: Pose2 | None) -> FixedPose | None:
-    """The pose in whole numbers; ConfigError if it is none."""
-    return None if pose is None else FixedPose.from_pose(check_type(option, pose, Pose2, hint=_HOW_TO_POSE))

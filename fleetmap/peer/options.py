@@ -1,0 +1,125 @@
+"""The options of ``join``: named, typed, given defaults and checked here, and nowhere else."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import ParamSpec, TypeVar
+
+from fleetmap.codecs.names import check_name
+from fleetmap.engine.holdings import MAX_EDGES_HELD
+from fleetmap.engine.stream import Limits
+from fleetmap.model.checks import check_count, check_number, check_type
+from fleetmap.model.density import MAX_EDGES, MAX_EDGES_IN_SQUARE
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.peer.link import Link
+from fleetmap.peer.profiles import zenoh_settings
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+IF_TAKEN = ("refuse", "join")
+HOW_TO_POSE = "write Pose2(x_m, y_m, yaw_rad)"
+
+
+@dataclass(frozen=True, slots=True)
+class JoinOptions:
+    """What a robot may say when it joins.
+
+    Parameters
+    ----------
+    robot : own name, 1 to 64 of A-Z a-z 0-9 _ . -; each living robot of the fleet should have one of its own
+    fleet : robots of one fleet share their maps
+    level : storey; frames of different levels are never merged
+    start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
+        is unknown. Whether the maps of the others are near is checked when this robot publishes
+    connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
+    profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone
+    config : further Zenoh settings, configuration key -> value; they override the profile's
+    budget_Bps : payload bytes a second that updates of the own map may take, on average. Who publishes more often than
+        that allows sends the difference to the last update that went, once it may; never a queue of old ones
+    max_rate_hz : at most so many updates a second
+    heartbeat_s : how often the own revision is announced
+    fold_interval_s : at least so long between two folds that nobody waits for
+    baselines : count at each publish what the grid would have cost, gzipped
+    if_taken : what to do if a living peer has this name and answers: ``refuse`` raises ``NameInUse``; ``join`` is
+        another life beside it, as for a robot whose hung former process still answers
+    allow : names that are listened to; None: all
+    max_edges, max_edges_in_square : what a robot's map may hold, in all and in any square of 256 cells; maps that hold
+        more are refused, the own ones too. The defaults are far above what real maps hold
+    link : another transport than Zenoh, for tests
+
+    Raises
+    ------
+    ConfigError : an option has an impossible value
+    """
+
+    robot: str
+    _: KW_ONLY
+    fleet: str = "default"
+    level: str = "0"
+    start: Pose2 | None = None
+    connect: Sequence[str] = ()
+    listen: Sequence[str] = ()
+    profile: str = "lan"
+    config: Mapping[str, object] | None = None
+    budget_Bps: float | None = None
+    max_rate_hz: float | None = None
+    heartbeat_s: float = 2.0
+    fold_interval_s: float = 0.2
+    baselines: bool = True
+    if_taken: str = "refuse"
+    allow: Collection[str] | None = None
+    max_edges: int = MAX_EDGES
+    max_edges_in_square: int = MAX_EDGES_IN_SQUARE
+    link: Link | None = None
+
+    @property
+    def limits(self) -> Limits:
+        """What a robot's map may hold."""
+        return Limits(self.max_edges, self.max_edges_in_square)
+
+    def __post_init__(self) -> None:
+        for option, name in (("robot", self.robot), ("fleet", self.fleet), ("level", self.level)):
+            check_name(option, name)
+        fixed_pose("start", self.start)
+        # Refuses what can't be, whatever the link.
+        zenoh_settings(self.profile, listen=self.listen, connect=self.connect, config=self.config)
+        check_number("heartbeat_s", self.heartbeat_s, expected="seconds, more than 0", fits=lambda s: s > 0)
+        check_number("fold_interval_s", self.fold_interval_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
+        check_type("baselines", self.baselines, bool)
+        if self.if_taken not in IF_TAKEN:
+            raise ConfigError(option="if_taken", value=self.if_taken, reason=f"expected one of {', '.join(IF_TAKEN)}")
+        if self.allow is not None:
+            if isinstance(self.allow, str) or not isinstance(self.allow, Collection):
+                raise ConfigError(option="allow", value=self.allow, reason='expected names, as ["r1", "r2"]')
+            for name in self.allow:
+                check_name("allow", name)
+        check_count("max_edges", self.max_edges, most=MAX_EDGES_HELD)
+        check_count("max_edges_in_square", self.max_edges_in_square, most=MAX_EDGES_HELD)
+        if self.link is not None and not callable(getattr(self.link, "open", None)):
+            reason = "expected a fleetmap.peer.link.Link; None is Zenoh's"
+            raise ConfigError(option="link", value=self.link, reason=reason)
+
+
+def fixed_pose(option: str, pose: Pose2 | None) -> FixedPose | None:
+    """The pose in whole numbers; ConfigError if it is none."""
+    return None if pose is None else FixedPose.from_pose(check_type(option, pose, Pose2, hint=HOW_TO_POSE))
+
+
+def taking(options: Callable[P, JoinOptions]) -> Callable[[Callable[[JoinOptions], R]], Callable[P, R]]:
+    """Have a function of ``JoinOptions`` take each option as an argument: checkers, editors and ``help`` see them."""
+
+    def spread(function: Callable[[JoinOptions], R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def spread_function(*args: P.args, **kwargs: P.kwargs) -> R:
+            return function(options(*args, **kwargs))
+
+        signature = inspect.signature(options).replace(return_annotation=inspect.signature(function).return_annotation)
+        spread_function.__signature__ = signature  # type: ignore[attr-defined]
+        return spread_function
+
+    return spread
