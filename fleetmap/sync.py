@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import threading
-from collections.abc import AsyncGenerator, Coroutine, Iterator
-from concurrent.futures import CancelledError
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator
+from concurrent.futures import CancelledError, Future, wait
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
@@ -17,6 +18,7 @@ from fleetmap.accounting import Stats
 from fleetmap.model.checks import check_number
 from fleetmap.model.errors import LinkError
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.interrupts import interrupts_later
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -24,11 +26,15 @@ from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
 from fleetmap.peer.health import Problem
 from fleetmap.peer.join import make_peer
 from fleetmap.peer.options import JoinOptions, taking
+from fleetmap.peer.peer import NOT_OPEN
 
 if TYPE_CHECKING:
     from fleetmap.planners.protocol import Path
 
 T = TypeVar("T")
+
+WAIT_S = 0.2
+"""How soon an interrupt is noticed at the latest."""
 
 
 class SyncPeer:
@@ -40,11 +46,11 @@ class SyncPeer:
     def __init__(self, peer: Peer) -> None:
         self._peer = peer
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name=f"fleetmap-sync-{peer.robot}", daemon=True)
-        self._closed, self._lock = False, threading.Lock()
+        self._thread = threading.Thread(target=self._serve, name=f"fleetmap-sync-{peer.robot}", daemon=True)
+        self._closed, self._lock, self._pid = False, threading.Lock(), os.getpid()
         self._thread.start()
         try:
-            self._run(peer.__aenter__())
+            self._run(peer.__aenter__)
         except BaseException:
             self.close()
             raise
@@ -59,17 +65,17 @@ class SyncPeer:
 
     def close(self) -> None:
         """Leave the fleet, and end the thread. May be called twice."""
-        with self._lock:
+        if self._pid != os.getpid():  # the thread is in the process that this one was forked from
+            return
+        with interrupts_later(), self._lock:
             if self._closed:
                 return
             self._closed = True
             left = asyncio.run_coroutine_threadsafe(self._leave(), self._loop)
-        try:
-            left.result()
-        finally:
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            self._thread.join()
-            self._loop.close()
+            # An interrupt ends the wait below; the thread goes on, and ends by itself.
+            left.add_done_callback(lambda _: self._loop.call_soon_threadsafe(self._loop.stop))
+        _wait(left)
+        self._thread.join()
 
     def publish(
         self,
@@ -83,7 +89,7 @@ class SyncPeer:
     ) -> bool:
         """Share a map; False if nothing changed."""
         return self._run(
-            self._peer.publish(
+            lambda: self._peer.publish(
                 source,
                 submap=submap,
                 anchor=anchor,
@@ -95,42 +101,42 @@ class SyncPeer:
 
     def set_pose(self, pose: Pose2) -> None:
         """Announce where the robot is, in its map frame."""
-        self._run(self._peer.set_pose(pose))
+        self._run(lambda: self._peer.set_pose(pose))
 
     def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
         """Announce where the robot is going, in its map frame; None: nowhere."""
-        self._run(self._peer.set_goal(goal_xy))
+        self._run(lambda: self._peer.set_goal(goal_xy))
 
     def set_start(self, start: Pose2 | None) -> None:
         """Announce where the own map frame lies in the fleet's."""
-        self._run(self._peer.set_start(start))
+        self._run(lambda: self._peer.set_start(start))
 
     def forget(self, robot: str, *, everywhere: bool = False) -> None:
         """Leave what a robot has said so far out of the merged map; of the own name, end the former lives."""
-        self._run(self._peer.forget(robot, everywhere=everywhere))
+        self._run(lambda: self._peer.forget(robot, everywhere=everywhere))
 
     def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
         """Wait until all that living peers hold now is held here, too."""
-        return self._run(self._peer.synced(timeout_s, at_least=at_least))
+        return self._run(lambda: self._peer.synced(timeout_s, at_least=at_least))
 
     def refresh(self) -> MergedMap:
         """Fold all that is held now."""
-        return self._run(self._peer.refresh())
+        return self._run(self._peer.refresh)
 
     def changes(self, timeout_s: float | None = None) -> Iterator[Change]:
         """What robots' new maps did to the merged one; ends when none comes for ``timeout_s``."""
         if timeout_s is not None:
             check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
-        changes = self._peer.changes()
+        changes, turn = self._peer.changes(), asyncio.Lock()
         try:
             while True:
                 try:
-                    yield self._run(_next(changes, timeout_s))
+                    yield self._run(lambda: _next(changes, turn, timeout_s))
                 except (TimeoutError, StopAsyncIteration):
                     return
         finally:
             with contextlib.suppress(LinkError):
-                self._run(changes.aclose())
+                self._run(lambda: _end(changes, turn))
 
     def plan(
         self,
@@ -181,17 +187,29 @@ class SyncPeer:
         """Bytes sent, received and dropped, and what gzipped grids would have cost."""
         return self._peer.stats()
 
-    def _run(self, work: Coroutine[object, object, T]) -> T:
+    def _run(self, call: Callable[[], Coroutine[object, object, T]]) -> T:
+        """The result of a call in the loop's thread; an interrupt cancels it."""
         closed = LinkError(endpoint=self._peer.fleet, reason="the peer is closed")
-        with self._lock:
-            if self._closed:
-                work.close()
-                raise closed
-            future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        if self._pid != os.getpid():
+            raise LinkError(endpoint=self._peer.fleet, reason=NOT_OPEN["forked"])
+        future: Future[T] | None = None
         try:
-            return future.result()
+            # Later: an interrupt between the call's begin and the future's would leave a call that nobody can cancel.
+            with interrupts_later(), self._lock:
+                if self._closed:
+                    raise closed
+                future = asyncio.run_coroutine_threadsafe(call(), self._loop)
+            return _wait(future)
         except CancelledError:
             raise closed from None
+        except BaseException:
+            if future is not None:
+                future.cancel()
+            raise
+
+    def _serve(self) -> None:
+        self._loop.run_forever()
+        self._loop.close()
 
     async def _leave(self) -> None:
         """Close the peer, and end the calls of other threads that still wait: the loop stops after this."""
@@ -202,9 +220,21 @@ class SyncPeer:
         await asyncio.gather(*waiting, return_exceptions=True)
 
 
-async def _next(changes: AsyncGenerator[Change, None], timeout_s: float | None) -> Change:
-    async with asyncio.timeout(timeout_s):
+def _wait(future: Future[T]) -> T:
+    # In turns: an interrupt that strikes just before Python waits for a lock is noticed when that wait is over.
+    while not wait([future], WAIT_S).done:
+        pass
+    return future.result()
+
+
+async def _next(changes: AsyncGenerator[Change, None], turn: asyncio.Lock, timeout_s: float | None) -> Change:
+    async with turn, asyncio.timeout(timeout_s):
         return await anext(changes)
+
+
+async def _end(changes: AsyncGenerator[Change, None], turn: asyncio.Lock) -> None:
+    async with turn:  # a reader that was interrupted has some steps to go
+        await changes.aclose()
 
 
 @taking(JoinOptions)

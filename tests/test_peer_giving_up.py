@@ -146,12 +146,20 @@ def test_a_session_that_opens_after_close_is_closed(monkeypatch: pytest.MonkeyPa
         def close(self) -> None:
             closed.append(self)
 
-    monkeypatch.setattr("zenoh.open", lambda _: Session())
+    closer = threading.Thread(target=lambda: link.close_now())
+
+    def open_session(config: object) -> Session:
+        closer.start()
+        assert link._closed.wait(20.0)
+        return Session()
+
+    monkeypatch.setattr("zenoh.open", open_session)
     link = ZenohLink("r", fleet="f", profile="local")
-    asyncio.run(link.close())
-    with pytest.raises(LinkError, match="closed"):
-        link._open(None)  # type: ignore[arg-type]
-    assert len(closed) == 1
+    for _ in range(2):  # and then, none is opened
+        with pytest.raises(LinkError, match="closed"):
+            link._open(None)  # type: ignore[arg-type]
+        closer.join()
+        assert len(closed) == 1
 
 
 async def test_a_close_that_is_cancelled_closes_the_link(monkeypatch: pytest.MonkeyPatch) -> None:

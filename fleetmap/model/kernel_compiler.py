@@ -6,7 +6,6 @@ one that compiles can't. The processes fill the cache (``kernel_cache``), and wh
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import json
 import logging
@@ -21,11 +20,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from fleetmap.model import kernel_cache
 from fleetmap.model.errors import FleetmapError
 from fleetmap.model.interrupts import interrupts_later
+from fleetmap.model.threads import in_thread
 
 MAX_WORKERS = 8
 """The longest chain of kernels that import each other keeps more of them waiting."""
@@ -125,7 +126,7 @@ async def compile_in_thread(modules: Iterable[str]) -> None:
     """``compile_ahead`` beside the event loop; when the waiting task is cancelled, the thread ends soon after."""
     stop = threading.Event()
     try:
-        await asyncio.to_thread(compile_ahead, modules, stop=stop)
+        await in_thread(partial(compile_ahead, modules, stop=stop))
     finally:
         stop.set()
 

@@ -6,12 +6,14 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from fleetmap.engine import MapChanged
 from fleetmap.engine.view import View
 from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.threads import in_thread
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
 
 logger = logging.getLogger(__name__)
@@ -61,7 +63,7 @@ class Folder:
                 if view.revisions != self.revisions:
                     from fleetmap.merge import fold
 
-                    merged = await asyncio.to_thread(fold, view.sources)
+                    merged = await in_thread(partial(fold, view.sources))
                     if view.left_out:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
                     self.merged, self.revisions = merged, view.revisions

@@ -83,6 +83,9 @@ class Inbox:
             self._items.append(item)
             self._size_bytes += size_bytes
             if len(self._items) == 1:
-                # Under the lock: ``close`` comes before the loop's own end.
-                self._loop.call_soon_threadsafe(self._filled.set)
+                try:
+                    self._loop.call_soon_threadsafe(self._filled.set)
+                except RuntimeError:  # the loop is closed, and nobody closed this peer before
+                    self._closed = True
+                    return False
             return True

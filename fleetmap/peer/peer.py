@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Generator, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
@@ -44,6 +45,7 @@ from fleetmap.model.kernel_cache import AGENT, modules_of
 from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.threads import Worker
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.figures import own_figures
@@ -65,10 +67,13 @@ logger = logging.getLogger(__name__)
 TICK_S = 0.1
 SLICE = 64
 """Items that the engine takes at a time: between two slices the user has a turn."""
+LAST_WORD_S = 0.3
+"""So long ``close`` waits for the engine to say what it held back; it may be in a kernel, which can't be stopped."""
 
-_NOT_OPEN = {
+NOT_OPEN = {
     "new": "the peer is not connected yet: `async with fleetmap.join(...) as peer`, or `peer = await join(...)`",
     "closed": "the peer is closed: join again",
+    "forked": "the peer is in the process that this one was forked from: no thread of it runs here",
 }
 _HOW_TO_PUBLISH = "OccupancyGrid(cells_yx, resolution_m) makes one of an array; a merged map is never published again"
 
@@ -135,8 +140,8 @@ class Peer:
     async def _open(self) -> Self:
         if self._state != "new":
             raise LinkError(endpoint=self.fleet, reason="a peer can be opened once; call join again")
-        self._state, self._opened_s = "open", self._clock()
-        self._executor = ThreadPoolExecutor(1, thread_name_prefix=f"fleetmap-{self.robot}")
+        self._state, self._opened_s, self._pid = "open", self._clock(), os.getpid()
+        self._worker = Worker(f"fleetmap-{self.robot}")
         self._inbox = Inbox(asyncio.get_running_loop(), self._ledger, self._figures)
         try:
             # Now: a peer that lives can't stop for a minute when the first record comes.
@@ -147,22 +152,28 @@ class Peer:
             if self._if_taken == "refuse" and await answers(self._link, namesakes):
                 raise NameInUse(robot=self.robot, fleet=self.fleet)
             await self._link.show(self._engine.own.life)
+            for token in tokens:
+                self._inbox.deliver(Alive(*token))
+            self._tasks = [asyncio.create_task(self._guard(work)) for work in (self._pump, self._folder.run)]
+            for task in self._tasks:
+                task.add_done_callback(_look_at)
+                _may_be_dropped(task)
+            await asyncio.sleep(0)  # they begin: cancelled before, they would leave the peer open
         except BaseException:
             await self.close()
             raise
-        for token in tokens:
-            self._inbox.deliver(Alive(*token))
-        self._tasks = [asyncio.create_task(self._guard(work)) for work in (self._pump, self._folder.run)]
         return self
 
     async def close(self) -> None:
         """Leave the fleet; the map stays with the others. May be called twice; goes on if the caller gives up."""
+        self._look_for_fork()
         if self._state == "open":
             # Before the state: a task that asked the engine once more would take the closed peer for a failure.
             for task in self._tasks:
                 task.cancel()
             self._closing = asyncio.ensure_future(self._leave())
-        self._state = "closed"
+        if self._state != "forked":
+            self._state = "closed"
         if self._closing is not None and not self._closing.done():
             await asyncio.shield(self._closing)
 
@@ -173,10 +184,12 @@ class Peer:
 
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._tasks and self._failure is None:
-            await asyncio.get_running_loop().run_in_executor(self._executor, send_waiting)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(LAST_WORD_S):
+                    await self._worker.run(send_waiting)
         self._inbox.close()
         await self._link.close()
-        self._executor.shutdown(wait=False)
+        self._worker.stop()
         self._folder.close()
         await self._notify()
 
@@ -431,10 +444,15 @@ class Peer:
     # How it works
 
     def _check(self) -> None:
+        self._look_for_fork()
         if self._failure is not None:
             raise self._failure
         if self._state != "open":
-            raise LinkError(endpoint=self.fleet, reason=_NOT_OPEN[self._state])
+            raise LinkError(endpoint=self.fleet, reason=NOT_OPEN[self._state])
+
+    def _look_for_fork(self) -> None:
+        if self._state == "open" and self._pid != os.getpid():
+            self._state = "forked"
 
     async def _run(self, call: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Run an engine call in the engine's thread, then do what came out of it, even if the caller gives up."""
@@ -448,13 +466,15 @@ class Peer:
             await self._handle(events)
             return result
 
-        return await asyncio.shield(asyncio.ensure_future(finish()))
+        task = asyncio.ensure_future(finish())
+        _may_be_dropped(task)
+        return await asyncio.shield(task)
 
     async def _read(self, call: Callable[[], R]) -> R:
         """Ask the engine something, in its thread: nothing changes meanwhile."""
         if self._state != "open":
-            raise LinkError(endpoint=self.fleet, reason=_NOT_OPEN[self._state])
-        return await asyncio.get_running_loop().run_in_executor(self._executor, call)
+            raise LinkError(endpoint=self.fleet, reason=NOT_OPEN[self._state])
+        return await self._worker.run(call)
 
     def _figures(self) -> bytes:
         return own_figures(self._engine, age_s=self._clock() - self._opened_s)
@@ -530,6 +550,15 @@ class Peer:
         """A task that should run until the peer is closed: if it fails, that is seen."""
         try:
             await work()
+        except asyncio.CancelledError:
+            if self._state == "open":
+                # Not by ``close``: the loop comes to its end, and nobody will be left to close this peer.
+                self._state = "closed"
+                self._tasks = [task for task in self._tasks if task is not asyncio.current_task()]
+                for task in self._tasks:
+                    task.cancel()
+                await self._leave()
+            raise
         except Exception as error:
             logger.exception("%s: internal error", self.robot)
             await self._fail(LinkError(endpoint=self.fleet, reason=f"internal error: {error!r}"))
@@ -555,3 +584,14 @@ class Peer:
 
     def _take_reply(self, ask_id: int, payload: bytes | None) -> None:
         self._inbox.deliver(ReplyEnd(ask_id) if payload is None else Reply(ask_id, payload))
+
+
+def _may_be_dropped(task: asyncio.Task[R]) -> None:
+    """Have asyncio say nothing when the task is pending and its loop closed, or left at a second Ctrl-C."""
+    task._log_destroy_pending = False  # type: ignore[attr-defined]
+
+
+def _look_at(task: asyncio.Task[None]) -> None:
+    """Take note of how a task ended. An interrupt may strike in any of them; it is told of where the loop runs."""
+    if not task.cancelled():
+        task.exception()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from fleetmap.accounting import Ledger
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE
+from fleetmap.model.threads import in_thread
 from fleetmap.model.vectormap import VectorMap
 
 if TYPE_CHECKING:
@@ -63,11 +65,11 @@ class GridPublisher:
                 from fleetmap.merge.place import check_closed
 
                 # The fold of every peer would leave a torn map out; what is vectorized here never is.
-                await asyncio.to_thread(check_closed, source, path=f"submap {submap}")
+                await in_thread(partial(check_closed, source, path=f"submap {submap}"))
                 return await send(submap, source)
-            vector_map = await asyncio.to_thread(self._vectorize, submap, source)
+            vector_map = await in_thread(partial(self._vectorize, submap, source))
             sent = await send(submap, vector_map)
-            sizes = await asyncio.to_thread(self._sizes, submap, source) if self._baselines else {}
+            sizes = await in_thread(partial(self._sizes, submap, source)) if self._baselines else {}
             self._ledger.published(
                 clock(),
                 {name: size for name, size in sizes.items() if size is not None},

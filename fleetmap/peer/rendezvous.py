@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 from fleetmap.model.errors import ConfigError, LinkError
+from fleetmap.peer.endings import enter_zenoh
 from fleetmap.peer.profiles import as_json5, zenoh_settings
 
 PORT = 7447
@@ -54,6 +55,7 @@ async def rendezvous(listen: str | None = None) -> AsyncIterator[Meeting]:
     """
     import zenoh
 
+    enter_zenoh(listen or "tcp/127.0.0.1")
     host, port = ("127.0.0.1", PORT) if listen is None else parse_endpoint(listen)
     session = None
     while session is None:

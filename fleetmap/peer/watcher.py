@@ -20,6 +20,7 @@ from fleetmap.codecs import envelope
 from fleetmap.codecs.messages import StatsMessage
 from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
+from fleetmap.peer.endings import enter_zenoh
 from fleetmap.peer.profiles import as_json5, zenoh_settings
 from fleetmap.peer.zenoh_link import parse_key, parse_token
 
@@ -74,6 +75,7 @@ class Watcher:
         self._session: zenoh.Session | None = None
 
     async def __aenter__(self) -> Self:
+        enter_zenoh(self.endpoint)
         config = zenoh.Config()
         for key, value in self._settings.items():
             config.insert_json5(key, as_json5(value))

@@ -1,8 +1,8 @@
 """The link over Zenoh. What of Zenoh is marked unstable is used here, and in ``watcher``, and nowhere else.
 
 Zenoh's advanced layer repairs most losses by itself; what it can't, the engine sees by its own revisions.
-Callbacks run on Zenoh's threads and only hand over. Sessions are always closed: an open one with a callback
-keeps the process from ending.
+Callbacks run on Zenoh's threads and only hand over. All that declares one runs in a daemon thread, so that Zenoh's
+threads are daemons, too, and sessions are always closed: see ``endings``.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import zenoh
 from zenoh import ext
 
 from fleetmap.codecs.names import NAME
-from fleetmap.engine import Alive, Gone, Message, Query
+from fleetmap.engine import Alive, Gone, Message
 from fleetmap.model.errors import ConfigError, LinkError
+from fleetmap.model.threads import in_thread
+from fleetmap.peer import endings
 from fleetmap.peer.link import Receiver, Token
 from fleetmap.peer.profiles import as_json5, zenoh_settings
 
@@ -79,11 +82,16 @@ class ZenohLink:
         self._seen: set[Token] = set()
         self._receiver: Receiver | None = None
         self._closed = threading.Event()
+        self._opening, self._dropping = threading.Lock(), threading.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
 
     async def open(self, receiver: Receiver) -> list[Token]:
         """Connect; returns the peers that are alive."""
+        endings.enter_zenoh(self._endpoint)
+        self._loop = asyncio.get_running_loop()
+        endings.opened(self)
         try:
-            return await asyncio.to_thread(self._open, receiver)
+            return await in_thread(partial(self._open, receiver))
         except zenoh.ZError as error:
             await self.close()
             # Without the place in Zenoh's source.
@@ -91,7 +99,7 @@ class ZenohLink:
 
     async def show(self, life: int) -> None:
         """Show the own token, and be asked and publish under this life, instead of the one before."""
-        await asyncio.to_thread(self._show, life)
+        await in_thread(partial(self._show, life))
 
     def put(self, life: int, kind: str, payload: bytes) -> None:
         """Publish under the own key; dropped when a peer's queue is full."""
@@ -127,7 +135,7 @@ class ZenohLink:
             return
 
         def take(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and not self._closed.is_set():
+            if reply.ok is not None and not self._is_over():
                 on_reply(reply.ok.payload.to_bytes())
 
         try:
@@ -147,22 +155,39 @@ class ZenohLink:
     async def tokens(self) -> list[Token]:
         """The peers that are there now."""
         session = self._session
-        return [] if session is None else await asyncio.to_thread(self._living, session)
+        return [] if session is None else await in_thread(partial(self._living, session))
 
     async def reopen(self) -> None:
         """Close the session and open another one: Zenoh has no way to connect a running one."""
         if self._receiver is not None and not self._closed.is_set():
-            await asyncio.to_thread(self._reopen, self._receiver)
+            await in_thread(partial(self._reopen, self._receiver))
 
     async def close(self) -> None:
         """Close the session."""
         self._closed.set()
-        await asyncio.to_thread(self._drop_session)
+        await in_thread(self.close_now)
+
+    def close_now(self) -> None:
+        """What ``close`` does, from any thread; waits for a session that is being opened."""
+        self._closed.set()
+        self._drop_session()
+        with self._opening:
+            self._drop_session()
+        endings.closed(self)
+
+    def _is_over(self) -> bool:
+        """Whether nothing is delivered any more."""
+        if self._loop is not None and self._loop.is_closed() and not self._closed.is_set():
+            # Nobody can close this link any more: the robot shall not look alive.
+            self._closed.set()
+            threading.Thread(target=self.close_now, name="fleetmap-close", daemon=True).start()
+        return self._closed.is_set()
 
     def _drop_session(self) -> None:
-        session, self._session, self._shown = self._session, None, None
-        if session is not None:
-            session.close()  # type: ignore[no-untyped-call]
+        with self._dropping:  # whoever finds no session any more waits until the other has closed it
+            session, self._session, self._shown = self._session, None, None
+            if session is not None:
+                session.close()  # type: ignore[no-untyped-call]
 
     def _reopen(self, receiver: Receiver) -> None:
         self._drop_session()
@@ -186,24 +211,30 @@ class ZenohLink:
             pause_s = min(2 * pause_s, LONGEST_RETRY_S)
 
     def _open(self, receiver: Receiver) -> list[Token]:
+        with self._opening:
+            return self._open_session(receiver)
+
+    def _open_session(self, receiver: Receiver) -> list[Token]:
         self._receiver = receiver
+        closed = LinkError(endpoint=self._endpoint, reason="closed while it was opened")
+        if self._closed.is_set():
+            raise closed
         session = self._session = zenoh.open(self._config())
         if self._closed.is_set():
             # Whoever waited for this gave up meanwhile, and ``close`` found no session yet.
-            self._session = None
-            session.close()  # type: ignore[no-untyped-call]
-            raise LinkError(endpoint=self._endpoint, reason="closed while it was opened")
+            self._drop_session()
+            raise closed
         remote = zenoh.Locality.REMOTE
 
         def message(sample: zenoh.Sample) -> None:
             parsed = parse_key(str(sample.key_expr))
-            if parsed is not None and not self._closed.is_set():
+            if parsed is not None and not self._is_over():
                 robot, kind, life = parsed
                 receiver.deliver(Message(robot, life, kind, sample.payload.to_bytes()))
 
         def liveliness(sample: zenoh.Sample) -> None:
             token = parse_token(str(sample.key_expr))
-            if token is None or self._closed.is_set():
+            if token is None or self._is_over():
                 return
             if sample.kind == zenoh.SampleKind.PUT:
                 if len(self._seen) < MAX_SEEN:
@@ -235,14 +266,10 @@ class ZenohLink:
             return
         remote = zenoh.Locality.REMOTE
 
-        def query(asked: zenoh.Query) -> None:
-            key = str(asked.key_expr)
-            # A question to all has a * in places; the answer stands under the own key.
-            kind = key.split("/")[3]
+        def query(kind: str, asked: zenoh.Query) -> None:
             payload = asked.payload.to_bytes() if asked.payload is not None else b""
-            own = self._key(self._robot, kind, life)
-            if not self._closed.is_set():
-                receiver.deliver(Query(kind, payload, lambda replies: _reply(asked, own, replies)))
+            if not self._is_over():
+                receiver.query(suffix, payload, lambda replies: _reply(asked, f"{own}/{suffix}", replies))
 
         delta = ext.declare_advanced_publisher(
             session,
@@ -262,7 +289,7 @@ class ZenohLink:
             for kind in PLAIN_KINDS
         }
         asked = [
-            session.declare_queryable(self._key(self._robot, kind, life), query, allowed_origin=remote)
+            session.declare_queryable(self._key(self._robot, kind, life), partial(query, kind), allowed_origin=remote)
             for kind in ASKED_KINDS
         ]
         # Last: who sees it asks at once. The reference must be kept: a token dies with it.
