@@ -64,6 +64,10 @@ class Worker:
         self._calls.put(make)
         return await future
 
+    def soon(self, call: Callable[[], None]) -> None:
+        """Make a call that nobody waits for, and that doesn't raise."""
+        self._calls.put(call)
+
     def stop(self) -> None:
         """Let the thread end after the calls that wait for it; returns at once."""
         self._stopped = True

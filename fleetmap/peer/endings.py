@@ -16,6 +16,7 @@ import time
 from typing import Protocol
 
 from fleetmap.model.errors import LinkError
+from fleetmap.model.threads import Worker
 
 CLOSE_S = 1.0
 """So long the end of the process waits for all sessions together. Closing one takes a millisecond, opening 0.1 s."""
@@ -27,13 +28,14 @@ class Closable(Protocol):
     """Something that is open, from ``opened`` to ``closed``."""
 
     def close_now(self) -> None:
-        """Close, from any thread and at any moment, and call ``closed``. May be called twice."""
+        """Close, from any thread and at any moment, and call ``closed``. May be called twice; doesn't raise."""
 
 
 class _State:
     """What this process knows; there is one."""
 
     open: set[Closable] = set()  # noqa: RUF012 - there is one state
+    closer: Worker | None = None
     zenoh_pid: int | None = None
 
 
@@ -58,6 +60,15 @@ def enter_zenoh(endpoint: str) -> None:
 def opened(session: Closable) -> None:
     """A session is about to be opened."""
     _State.open.add(session)
+    if _State.closer is None:
+        # Now: at the end of a process, Python 3.12 starts no thread any more.
+        _State.closer = Worker("fleetmap-endings")
+
+
+def close_soon(session: Closable) -> None:
+    """Close, and don't wait."""
+    if _State.closer is not None:
+        _State.closer.soon(session.close_now)
 
 
 def closed(session: Closable) -> None:
@@ -66,18 +77,22 @@ def closed(session: Closable) -> None:
 
 
 def _close_all() -> None:
-    """Close what is open, each in a thread: one that doesn't return shall keep neither the others nor the process."""
-    if _State.zenoh_pid != os.getpid():
+    """Close what is open. In a thread, as what doesn't return shall not keep the process."""
+    closer = _State.closer
+    if closer is None or _State.zenoh_pid != os.getpid():
         return
     # The program has ended: a further Ctrl-C can't end it any more, it could only cut this short.
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None
     until_s = time.monotonic() + CLOSE_S
-    threads = [threading.Thread(target=session.close_now, daemon=True) for session in list(_State.open)]
-    for thread in threads:
-        thread.start()
-    # Those that were in a callback when their session was closed, too.
-    for thread in threads + [t for t in threading.enumerate() if t.daemon and t.name.endswith(CALLBACK_THREAD)]:
-        thread.join(max(0.0, until_s - time.monotonic()))
+    for session in list(_State.open):
+        closer.soon(session.close_now)
+    done = threading.Event()
+    closer.soon(done.set)
+    done.wait(CLOSE_S)
+    # Zenoh's threads may have been in a callback when their session was closed.
+    for thread in threading.enumerate():
+        if thread.daemon and thread.name.endswith(CALLBACK_THREAD):
+            thread.join(max(0.0, until_s - time.monotonic()))
     if before is not None:
         signal.signal(signal.SIGINT, before)

@@ -180,14 +180,17 @@ class ZenohLink:
         if self._loop is not None and self._loop.is_closed() and not self._closed.is_set():
             # Nobody can close this link any more: the robot shall not look alive.
             self._closed.set()
-            threading.Thread(target=self.close_now, name="fleetmap-close", daemon=True).start()
+            endings.close_soon(self)
         return self._closed.is_set()
 
     def _drop_session(self) -> None:
         with self._dropping:  # whoever finds no session any more waits until the other has closed it
             session, self._session, self._shown = self._session, None, None
-            if session is not None:
-                session.close()  # type: ignore[no-untyped-call]
+            try:
+                if session is not None:
+                    session.close()  # type: ignore[no-untyped-call]
+            except zenoh.ZError as error:
+                log.debug("%s: close: %s", self._robot, error)
 
     def _reopen(self, receiver: Receiver) -> None:
         self._drop_session()
@@ -268,8 +271,10 @@ class ZenohLink:
 
         def query(kind: str, asked: zenoh.Query) -> None:
             payload = asked.payload.to_bytes() if asked.payload is not None else b""
+            # A question to all has a * in places; the answer stands under the own key.
+            own = self._key(self._robot, kind, life)
             if not self._is_over():
-                receiver.query(suffix, payload, lambda replies: _reply(asked, f"{own}/{suffix}", replies))
+                receiver.deliver(Query(kind, payload, lambda replies: _reply(asked, own, replies)))
 
         delta = ext.declare_advanced_publisher(
             session,
