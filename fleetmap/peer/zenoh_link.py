@@ -20,7 +20,7 @@ import zenoh
 from zenoh import ext
 
 from fleetmap.codecs.names import NAME
-from fleetmap.engine import Alive, Gone, Message
+from fleetmap.engine import Alive, Gone, Message, Query
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
