@@ -1,13 +1,29 @@
-"""Strangers for the tests: bare Zenoh sessions that say what they like, under any key."""
+"""For the tests: strangers that say what they like, and a fleet of honest robots to say it to, over real Zenoh."""
 
 from __future__ import annotations
 
 import json
+import os
+import selectors
+import socket
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
+from typing import Self
 
 import zenoh
+
+TOKEN = "alive/1/0123abcd"
+SAID = ("delta", "digest", "pose", "goal")
+ANSWERED = ("snapshot", "revisions", "mirror/r1", "stats")
+"""What there is under fleetmap/<fleet>/<robot>/: the token of who lives, samples, and answers to questions."""
+
+HONEST_PEER = Path(__file__).parent / "honest_peer.py"
 
 
 class Stranger:
@@ -58,7 +74,7 @@ class Stranger:
         self.alive: set[str] = set()
         self.session = zenoh.open(prepared)
 
-    def __enter__(self) -> Stranger:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -127,3 +143,229 @@ class Stranger:
         with self._news:
             (self.alive.add if sample.kind == zenoh.SampleKind.PUT else self.alive.discard)(str(sample.key_expr))
             self._news.notify_all()
+
+
+class Fleet:
+    """Honest robots, each a process of its own, over TCP on loopback; no multicast. ``with`` starts and ends them.
+
+    Parameters
+    ----------
+    robots : their names; they join in this order, and each dials those before it
+    fleet : its name
+    rooms : square rooms, of 4 edges, in the map of each; one more stands elsewhere after each change
+    options : further options of ``fleetmap.join``
+    timeout_s : of starting, and of each command
+
+    Attributes
+    ----------
+    endpoints : by robot, where a stranger may dial it
+    published : by robot, the digest of its last map
+
+    Raises
+    ------
+    TimeoutError : a robot doesn't answer in time
+    RuntimeError : a command failed, or a robot's process has ended; the message says with what
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[str] = ("a", "b", "c", "d"),
+        *,
+        fleet: str = "test",
+        rooms: int = 50,
+        options: Mapping[str, object] | None = None,
+        timeout_s: float = 20.0,
+    ) -> None:
+        self.robots, self.fleet = tuple(robots), fleet
+        self.endpoints = dict(zip(robots, free_endpoints(len(robots)), strict=True))
+        self.published: dict[str, str] = {}
+        self._rooms, self._options, self._timeout_s = rooms, dict(options or {}), timeout_s
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._unread: dict[str, bytes] = {}
+        self._change = dict.fromkeys(robots, -1)
+        self._asked = 0
+
+    def __enter__(self) -> Self:
+        try:
+            for robot in self.robots:
+                self.start(robot)
+            for robot in self.robots:
+                self._read(robot, 0, self._timeout_s)
+            for robot in self.robots:
+                self.publish(robot)
+            self.synced(at_least=len(self.robots) - 1)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def start(self, robot: str) -> None:
+        """Start a robot, or start it again after ``kill``; it does what it is asked once it has joined."""
+        place = self.robots.index(robot)
+        options = {
+            "fleet": self.fleet,
+            "profile": "local",
+            "listen": [self.endpoints[robot]],
+            "connect": [self.endpoints[other] for other in self.robots[:place]],
+            "count": self._rooms,
+            "row": place,
+            **self._options,
+        }
+        self._processes[robot] = subprocess.Popen(
+            [sys.executable, str(HONEST_PEER), robot, json.dumps(options)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        self._unread[robot] = b""
+
+    def kill(self, robot: str) -> None:
+        """End a robot without a word."""
+        process = self._processes.pop(robot)
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            with suppress(BrokenPipeError):
+                pipe.close()  # type: ignore[union-attr]
+
+    def close(self) -> None:
+        """End all robots, with a word where they still listen."""
+        for process in self._processes.values():
+            with suppress(BrokenPipeError):
+                process.stdin.close()  # type: ignore[union-attr]
+        until_s = time.monotonic() + self._timeout_s
+        for robot, process in list(self._processes.items()):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, until_s - time.monotonic()))
+            self.kill(robot)
+
+    @property
+    def running(self) -> tuple[str, ...]:
+        """The robots that were started and not killed."""
+        return tuple(self._processes)
+
+    def publish(self, robot: str, *, timeout_s: float | None = None) -> float:
+        """Have a robot publish its next small change; when it was told to, by the clock of ``time.monotonic``."""
+        self._change[robot] += 1
+        answer = self.ask(robot, "publish", timeout_s=timeout_s, change=self._change[robot])
+        self.published[robot] = str(answer["map"])
+        return float(answer["began_s"])  # type: ignore[arg-type]
+
+    def latencies_s(self, changes: int, *, timeout_s: float | None = None) -> list[float]:
+        """Publish so many small changes, robot by robot in turn, each once the last one is held everywhere.
+
+        Returns
+        -------
+        list[float] : seconds from publish to held, of each change at each other robot, ascending
+        """
+        found = []
+        for i in range(changes):
+            author = self.running[i % len(self.running)]
+            began_s = self.publish(author, timeout_s=timeout_s)
+            found += [held_s - began_s for held_s in self.held_s(author, timeout_s=timeout_s).values()]
+        return sorted(found)
+
+    def held_s(self, author: str, *, timeout_s: float | None = None) -> dict[str, float]:
+        """By other robot, since when it holds the last change of a robot, or a later one; waits until all do."""
+        change, wait_s = self._change[author], timeout_s or self._timeout_s
+        others = [robot for robot in self.running if robot != author]
+        answers = self.ask_all(others, "held", robot=author, change=change, timeout_s=wait_s)
+        return {
+            robot: min(since_s for held, since_s in answer["held_s"].items() if int(held) >= change)  # type: ignore[attr-defined]
+            for robot, answer in answers.items()
+        }
+
+    def digests(self) -> dict[str, str]:
+        """By robot, the digest of its merged map of all that it holds now."""
+        return {robot: str(answer["digest"]) for robot, answer in self.ask_all(self.running, "digest").items()}
+
+    def synced(self, *, at_least: int = 0, timeout_s: float | None = None) -> dict[str, str | None]:
+        """By robot, the digest that ``synced()`` returns; None where it times out."""
+        wait_s = timeout_s or self._timeout_s
+        answers = self.ask_all(self.running, "synced", timeout_s=wait_s, at_least=at_least)
+        return {robot: answer.get("digest") for robot, answer in answers.items()}  # type: ignore[misc]
+
+    def wrong(self) -> list[str]:
+        """Whose map is not at whom what its author published last; empty if all is right."""
+        held = self.ask_all(self.running, "maps")
+        return [
+            f"{author} at {robot}"
+            for robot, answer in held.items()
+            for author, digest in self.published.items()
+            if author != robot and answer["maps"].get(author) != digest  # type: ignore[attr-defined]
+        ]
+
+    def dropped(self, robot: str) -> int:
+        """How many messages a robot refused."""
+        return sum(self.ask(robot, "dropped")["dropped"].values())  # type: ignore[attr-defined]
+
+    def until(self, condition: Callable[[], bool], *, timeout_s: float | None = None) -> float:
+        """Wait for what the robots get to know of; how many seconds that took."""
+        began_s = time.monotonic()
+        while not condition():
+            if time.monotonic() - began_s > (timeout_s or self._timeout_s):
+                raise TimeoutError(f"not so within {timeout_s or self._timeout_s:.0f} s")
+            self.ask(self.running[0], "step")
+        return time.monotonic() - began_s
+
+    def rss_bytes(self) -> dict[str, int]:
+        """By robot, the memory of its process."""
+        pages = {r: Path(f"/proc/{p.pid}/statm").read_text().split()[1] for r, p in self._processes.items()}
+        return {robot: int(count) * os.sysconf("SC_PAGE_SIZE") for robot, count in pages.items()}
+
+    def ask(self, robot: str, do: str, *, timeout_s: float | None = None, **fields: object) -> dict[str, object]:
+        """Have one robot do something; its answer. See ``HonestPeer`` for what there is."""
+        return self.ask_all([robot], do, answer_s=timeout_s, **fields)[robot]
+
+    def ask_all(
+        self, robots: Iterable[str], do: str, *, answer_s: float | None = None, **fields: object
+    ) -> dict[str, dict[str, object]]:
+        """Have some robots do the same at once; their answers."""
+        self._asked += 1
+        number, robots = self._asked, list(robots)
+        line = json.dumps({"id": number, "do": do, **fields}).encode() + b"\n"
+        for robot in robots:
+            stdin = self._processes[robot].stdin
+            stdin.write(line)  # type: ignore[union-attr]
+            stdin.flush()  # type: ignore[union-attr]
+        # A command that waits says so itself when its own time is over.
+        wait_s = answer_s or self._timeout_s + float(fields.get("timeout_s", 0.0))  # type: ignore[arg-type]
+        answers = {robot: self._read(robot, number, wait_s) for robot in robots}
+        for robot, answer in answers.items():
+            if "error" in answer:
+                raise RuntimeError(f"{robot}, {do}: {answer['error']}")
+        return answers
+
+    def _read(self, robot: str, number: int, timeout_s: float) -> dict[str, object]:
+        """The answer of that number; earlier ones that came too late are skipped."""
+        stdout, until_s = self._processes[robot].stdout, time.monotonic() + timeout_s
+        with selectors.DefaultSelector() as ready:
+            ready.register(stdout, selectors.EVENT_READ)  # type: ignore[arg-type]
+            while True:
+                line, end, rest = self._unread[robot].partition(b"\n")
+                if end:
+                    self._unread[robot] = rest
+                    answer: dict[str, object] = json.loads(line)
+                    if answer["id"] == number:
+                        return answer
+                    continue
+                if not ready.select(max(0.0, until_s - time.monotonic())):
+                    raise TimeoutError(f"{robot}: no answer within {timeout_s:.0f} s")
+                piece = os.read(stdout.fileno(), 1 << 16)  # type: ignore[union-attr]
+                if not piece:
+                    raise RuntimeError(f"{robot}: ended with {self._processes[robot].wait()}")
+                self._unread[robot] += piece
+
+
+def free_endpoints(count: int) -> list[str]:
+    """TCP endpoints on loopback that nobody listens at, no two alike."""
+    probes = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    try:
+        return [f"tcp/127.0.0.1:{probe.getsockname()[1]}" for probe in probes]
+    finally:
+        for probe in probes:
+            probe.close()

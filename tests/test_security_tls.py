@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from attacks import Stranger
+from attacks import ANSWERED, SAID, TOKEN, Stranger
 
 import fleetmap
 from fleetmap.model.lattice import Lattice
@@ -28,11 +28,6 @@ PAGE = (Path(__file__).parent.parent / "docs" / "security.md").read_text()
 (SNIPPET,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 (FLEET,) = re.findall(r'^FLEET = "(.*)"$', SNIPPET, re.MULTILINE)
 (MUST_LINK,) = re.findall(r'^    ("connect/timeout_ms".*)$', PAGE, re.MULTILINE)
-
-TOKEN = "alive/1/0123abcd"
-SAID = ("delta", "digest", "pose", "goal")
-ANSWERED = ("snapshot", "revisions", "mirror/r1", "stats")
-"""What there is under fleetmap/<fleet>/<robot>/: the token of who lives, samples, and answers to questions."""
 
 TIMEOUT_FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
 TIMEOUT_S = 20.0 * TIMEOUT_FACTOR
