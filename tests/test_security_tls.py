@@ -274,11 +274,20 @@ async def test_a_link_ends_with_its_certificate_and_comes_back_with_the_next_one
     def certify(how_long: str) -> None:
         run(f"{CERTIFY}\ncertify r3 '{how_long}'", keys)
 
+    at_r3 = free_endpoint()
     async with join("r1", secured("r1", keys=keys), listen=[endpoint]) as r1:
         certify(f"{4 * TIMEOUT_FACTOR:.0f} seconds")
-        async with join("r3", secured("r3", keys=keys), connect=[endpoint]):
+        async with join("r3", secured("r3", keys=keys), listen=[at_r3], connect=[endpoint]):
             await until(r1, lambda: [p.alive for p in r1.peers] == [True])
             await until(r1, lambda: [p.alive for p in r1.peers] == [False])
-            # It dials on, with the certificate that lies there by then.
             certify("12 hours")
+            # It dials on, and with the certificate that lies there by then.
             await until(r1, lambda: [p.alive for p in r1.peers] == [True])
+            # To who dials it, it shows the certificate that it opened with.
+            with pytest.raises(fleetmap.LinkError, match="Unable to connect"):
+                await join("r2", {**secured("r2", keys=keys), **must_link()}, connect=[at_r3])
+        async with (
+            join("r3", secured("r3", keys=keys), listen=[at_r3]),
+            join("r2", {**secured("r2", keys=keys), **must_link()}, connect=[at_r3]) as r2,
+        ):
+            await until(r2, lambda: any(p.robot == "r3" and p.alive for p in r2.peers))
