@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from fleetmap.engine.stream import Key
@@ -85,6 +85,10 @@ class Catchup:
         self._late = {i: about for i, about in self._late.items() if about.peer != peer}
         for stream in [stream for stream, at in self._parked.items() if at == peer]:
             self.want(stream, 0.0)
+
+    def listed(self, peer: Key, streams: Collection[Key]) -> None:
+        """A peer says anew which streams it holds: what came of asking it for others is forgotten."""
+        self._pairs = {a: p for a, p in self._pairs.items() if a.peer != peer or a.stream is None or a.stream in streams}
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""

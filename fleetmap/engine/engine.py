@@ -418,6 +418,7 @@ class Engine:
                 claims[key] = revision
         before = neighbour.claims
         self.neighbours.say(neighbour, claims)
+        self._catchup.listed(neighbour.key, neighbour.claims)
         for key, revision in claims.items():
             if key == self.own.key:
                 self._on_own_row(neighbour, revision, now_s)
