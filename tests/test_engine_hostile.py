@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from exchange import asks, commit, deliver, engine, held, life, meet, query, reply, room, tell
 
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import Change, Header, Record, Revision, RevisionList
-from fleetmap.engine import Ask, Engine, Put
-from fleetmap.engine.stream import Stream, Submap, advance
+from fleetmap.codecs.facts import forget, set_anchor
+from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList
+from fleetmap.engine.catchup import MAX_UNDER_WAY_EACH
 from fleetmap.engine.view import view
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.lattice import Lattice
@@ -16,58 +17,106 @@ from fleetmap.model.vectormap import VectorMap
 SQUARE = np.array([[0, 0, 0, 5, 1], [0, 5, 5, 5, 1], [0, 0, 5, 0, 3], [5, 0, 5, 5, 3]], np.int32)
 
 
-def tell(engine: Engine, robot: str, author: Engine) -> None:
-    for output in author.take_outputs():
-        if isinstance(output, Put):
-            engine.on_message(robot, output.suffix, output.payload, now_s=0.0)
-
-
 def test_a_start_and_an_anchor_too_far_together_leave_that_submap_out() -> None:
-    me, bad = Engine("me", start=FixedPose()), Engine("bad", start=FixedPose(MAX_UM, 0))
+    me, bad = engine("me", start=FixedPose()), engine("bad", start=FixedPose(MAX_UM, 0))
     square = VectorMap(Lattice(50_000), SQUARE, np.zeros(4, np.uint8))
     with pytest.raises(ConfigError, match="together"):
         bad.publish("far", square, anchor=FixedPose(MAX_UM, 0))
     # Another program may say it all the same.
-    bad._commit(submaps={"far": Submap(square, FixedPose(MAX_UM, 0)), "near": Submap(square, FixedPose(-MAX_UM, 0))})
-    tell(me, "bad", bad)
-    assert [source.frame for source in view(me).sources] == [("bad", 1, "near")]
+    anchors = {**set_anchor("far", FixedPose(MAX_UM, 0)), **set_anchor("near", FixedPose(-MAX_UM, 0))}
+    commit(bad, facts=anchors, submaps={"far": square, "near": square})
+    deliver(bad, me)
+    assert [source.frame for source in view(me).sources] == [("bad", life("bad"), "near")]
     ((frame, reason),) = view(me).left_out
-    assert (frame, "together" in reason) == (("bad", 1, "far"), True)
+    assert (frame, "together" in reason) == (("bad", life("bad"), "far"), True)
 
 
-def test_epochs_of_one_robot_that_never_begin_leave_room_for_others() -> None:
-    me, good = Engine("me"), Engine("good")
-    for epoch in range(1, 1100):
-        gap = Record(epoch, 2, 5, Change(None, ()))
-        me.on_message("bad", "delta", envelope.encode(gap), now_s=0.0)
-    tell(me, "good", good)
-    assert ("good", 1) in me.holdings.replicas
-    assert len(me.holdings.replicas) < 10
+def test_lives_that_are_invented_leave_room_for_others() -> None:
+    me, good = engine("me"), engine("good")
+    for its_life in range(1, 1100):
+        tell(me, ("bad", its_life), envelope.encode(Record(2, 5, 5, Change({}, ()))))
+    deliver(good, me)
+    assert held(me, good).revision == good.own.revision
+    assert len(me.holdings.replicas) == 1
 
 
 def test_streams_that_a_peer_lists_no_more_are_forgotten() -> None:
-    me = Engine("me")
-    me.on_alive("bad", 1, "x", now_s=0.0)
-    for turn in range(1, 6):
-        for output in me.take_outputs():
-            if isinstance(output, Ask) and output.suffix == "revisions":
-                rows = tuple((f"ghost{turn}-{i}", Revision(1, 1, 1)) for i in range(100))
-                me.on_reply(output.ask_id, envelope.encode(RevisionList(rows)), now_s=10.0 * turn)
-        # Questions about the ghosts take turns with the one for the list.
-        me.ask_list("bad", now_s=10.0 * turn - 1.0)
-        me.tick(10.0 * turn)
-    assert len(me._catchup.announced_keys()) <= 100
+    """Also what came of asking for them."""
+    me, bad = engine("me"), engine("bad")
+    meet(me, bad)
+    now_s = 0.0
+    for turn in range(1, 7):
+        me.ask_lists(now_s=now_s)
+        for _ in range(20):
+            now_s += 0.2
+            me.tick(now_s)
+            for ask in asks(me):
+                rows = tuple((f"ghost{turn}-{i}", Revision(1, 1, 1)) for i in range(20))
+                answers = [envelope.encode(RevisionList(rows))] if ask.kind == "revisions" else []
+                reply(me, ask, *answers, now_s=now_s)
+    assert me._claimed_streams() == {(f"ghost6-{i}", 1) for i in range(20)}
+    assert len(me._catchup._due_s) == 20
+    # But for the questions that were under way when the list came.
+    assert len(me._catchup._pairs) <= 20 + MAX_UNDER_WAY_EACH
 
 
-def test_no_claim_about_its_epochs_silences_a_robot() -> None:
-    me, victim = Engine("me"), Engine("v")
-    header = Header(forgets=(("v", 2**32 - 1), ("me", 2**32 - 1)))
-    change = Change(header, ())
-    stream = advance(Stream("bad", 1), change, seq=1, digest=Stream("bad", 1, 1, header).digest)
-    record = envelope.encode(Record(1, 1, stream.revision.check, change))
-    for engine in (me, victim):
-        engine.on_message("bad", "delta", record, now_s=0.0)
-        assert ("bad", 1) in engine.holdings.replicas
-    victim.publish("0", VectorMap(Lattice(50_000), SQUARE, np.zeros(4, np.uint8)))
-    tell(me, "v", victim)
-    assert me.holdings.replicas["v", victim.own.epoch].stream.edges == len(SQUARE)
+def test_who_lists_what_it_does_not_hold_keeps_nobody_else_waiting() -> None:
+    me, bad, good = engine("me"), engine("bad"), engine("good")
+    meet(me, bad, good)
+    me.tick(0.1)
+    rows = tuple((f"ghost-{i:04}", Revision(1, 1, 1)) for i in range(4000))
+    for ask in asks(me, "revisions"):
+        if ask.robot == "bad":
+            reply(me, ask, envelope.encode(RevisionList(rows)), now_s=0.1)
+    me.tick(0.5)
+    tell(me, good, envelope.encode(Heartbeat(1, 0)), kind="digest", now_s=0.6)
+    now_s = 0.6
+    while held(me, good).seq == 0 and now_s < 60.0:
+        for ask in asks(me, "snapshot"):
+            reply(me, ask, *query(good, ask.kind, ask.payload), now_s=now_s)
+        now_s += 0.1
+        me.tick(now_s)
+    assert held(me, good).revision == good.own.revision
+    assert now_s < 10.0
+
+
+def test_nobody_can_leave_a_robot_that_lives_out_of_the_map() -> None:
+    me, victim, bad = (engine(name, start=FixedPose()) for name in ("me", "v", "bad"))
+    meet(me, victim, bad)
+    victim.publish("0", room(5))
+    deliver(victim, me, bad)
+    deliver(me, victim, bad)
+    for turn in range(3):
+        # As they might be, and as they are.
+        for ahead in (1, 0):
+            commit(bad, facts=forget({s.key: (s.seq + ahead, s.link) for s in (me.own, victim.own)}))
+            deliver(bad, me, victim)
+        assert victim.own.key in me.holdings.left_out()
+        for now_s in (2.0 * turn + 2.0, 2.0 * turn + 2.1):
+            for one in (me, victim):
+                one.tick(now_s)
+        deliver(victim, me)
+        deliver(me, victim)
+        assert me.holdings.left_out() == victim.holdings.left_out() == set()
+    assert [source.frame for source in view(me).sources] == [("v", life("v"), "0")]
+
+
+def test_a_revision_that_the_author_has_not_come_to_is_not_waited_for_long() -> None:
+    me, author, bad = (engine(name) for name in ("me", "r", "bad"))
+    meet(me, author, bad)
+    deliver(author, me)
+    me.tick(0.1)
+    now_s = 1.0
+    for ask in asks(me, "revisions"):
+        rows = () if ask.robot == "r" else (("r", Revision(author.own.life, 999, 7)),)
+        reply(me, ask, envelope.encode(RevisionList(rows)), now_s=now_s)
+    assert me.lacking() == [f"r life {author.own.life:016x}"]
+    forged = envelope.encode(Record(2, 12345, 7, Change({}, ())))
+    while me.lacking() and now_s < 30.0:
+        for ask in asks(me, "mirror"):
+            reply(me, ask, forged, now_s=now_s)
+        now_s += 0.1
+        me.tick(now_s)
+    assert me.lacking() == []
+    assert now_s < 5.0
+    assert held(me, author).revision == author.own.revision

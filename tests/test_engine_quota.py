@@ -4,37 +4,24 @@ from __future__ import annotations
 
 import asyncio
 
-import numpy as np
 import pytest
+from exchange import engine, held, meet, records, room, tell
 
 import fleetmap
-from fleetmap.engine import Engine, Put
+from fleetmap.engine import Engine
 from fleetmap.engine.quota import BURST_S, Quota
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import FixedPose, Pose2
-from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
-
-
-def room(size: int) -> VectorMap:
-    corners = [(0, 0), (0, size), (size, size), (size, 0)]
-    rows = [(*a, *b, 1) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-    return VectorMap(Lattice(50_000), np.array(rows, np.int32), np.full(4, 4, np.uint8))
-
-
-def records(engine: Engine) -> list[bytes]:
-    return [o.payload for o in engine.take_outputs() if isinstance(o, Put) and o.suffix == "delta"]
 
 
 def run(quota: Quota, *, publishes: int, every_s: float) -> tuple[Engine, Engine, list[tuple[float, int]]]:
     """An author that publishes ever larger rooms, and a listener; when records went, and their bytes."""
-    author, listener = Engine("a", start=FixedPose(), quota=quota), Engine("b", start=FixedPose())
-    listener.on_alive("a", 1, "x", now_s=0.0)
+    author, listener = engine("a", start=FixedPose(), quota=quota), engine("b", start=FixedPose())
+    meet(author, listener)
     went = []
     now_s = 0.0
-    for record in records(author):
-        listener.on_message("a", "delta", record, now_s=0.0)
+    tell(listener, author, *records(author))
     for k in range(round(publishes * every_s * 10) + 300):
         now_s = k / 10
         if k % round(every_s * 10) == 0 and k < publishes * every_s * 10:
@@ -42,16 +29,15 @@ def run(quota: Quota, *, publishes: int, every_s: float) -> tuple[Engine, Engine
         author.tick(now_s)
         for record in records(author):
             went.append((now_s, len(record)))
-            listener.on_message("a", "delta", record, now_s=now_s)
+            tell(listener, author, record, now_s=now_s)
     return author, listener, went
 
 
 def test_a_budget_is_kept_and_the_last_map_arrives() -> None:
     budget_Bps = 40.0
     author, listener, went = run(Quota(budget_Bps=budget_Bps), publishes=100, every_s=0.2)
-    (replica,) = listener.holdings.replicas.values()
-    assert replica.stream.digest == author.own.digest
-    assert author.own.submaps["0"].vector_map.digest == room(10 + 198).digest
+    assert held(listener, author).digest == author.own.digest
+    assert author.own.submaps["0"].digest == room(10 + 198).digest
     assert 5 < len(went) < 60
     largest = max(size for _, size in went)
     for now_s, _ in went:
@@ -63,16 +49,15 @@ def test_a_rate_is_kept() -> None:
     author, listener, went = run(Quota(max_rate_hz=1.0), publishes=100, every_s=0.1)
     assert len(went) <= 11
     assert min(b - a for (a, _), (b, _) in zip(went, went[1:], strict=False)) >= 1.0
-    (replica,) = listener.holdings.replicas.values()
-    assert replica.stream.digest == author.own.digest
+    assert held(listener, author).digest == author.own.digest
 
 
 def test_going_back_before_it_is_sent_sends_nothing() -> None:
-    author = Engine("a", start=FixedPose(), quota=Quota(max_rate_hz=0.1))
+    author = engine("a", start=FixedPose(), quota=Quota(max_rate_hz=0.1))
     assert author.publish("0", room(10), now_s=0.0)
     assert author.publish("0", room(11), now_s=1.0)
     assert not author.publish("0", room(10), now_s=2.0)
-    assert len(records(author)) == 2  # the header, and the first map
+    assert len(records(author)) == 2  # the start, and the first map
     author.tick(20.0)
     assert records(author) == []
 

@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from exchange import commit, deliver, engine, life
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetmap.engine import Engine, Put, Submap
+from fleetmap.engine import Engine
 from fleetmap.engine.quota import Quota
 from fleetmap.engine.view import view
 from fleetmap.merge import fold
@@ -36,21 +37,13 @@ def fixed(x_m: float, y_m: float = 0.0, yaw_rad: float = 0.0) -> FixedPose:
     return FixedPose.from_pose(Pose2(x_m, y_m, yaw_rad))
 
 
-def hand_over(author: Engine, *others: Engine) -> None:
-    """Let the others hear all that the author says."""
-    for output in author.take_outputs():
-        if isinstance(output, Put):
-            for other in others:
-                other.on_message(author.robot, output.suffix, output.payload, now_s=0.0)
-
-
 def fleet(**starts_m: tuple[float, float]) -> list[Engine]:
     """Robots that have published a small room each, and heard each other's, whether or not they lie too far apart."""
-    engines = [Engine(robot, start=fixed(*start)) for robot, start in starts_m.items()]
-    for engine in engines:
-        engine._commit(submaps={"0": Submap(square(), FixedPose())})
-    for engine in engines:
-        hand_over(engine, *[other for other in engines if other is not engine])
+    engines = [engine(robot, start=fixed(*start)) for robot, start in starts_m.items()]
+    for one in engines:
+        commit(one, submaps={"0": square()})
+    for one in engines:
+        deliver(one, *[other for other in engines if other is not one])
     return engines
 
 
@@ -59,53 +52,55 @@ def fleet(**starts_m: tuple[float, float]) -> list[Engine]:
 def test_a_map_that_is_too_large_is_refused_and_nothing_is_said(
     far_m: float, start: tuple[float, float] | None
 ) -> None:
-    engine = Engine("a", start=None if start is None else fixed(*start))
-    engine.publish("0", square())
-    said = engine.own.revision
-    engine.take_outputs()
+    one = engine("a", start=None if start is None else fixed(*start))
+    one.publish("0", square())
+    said = one.own.revision
+    one.take_outputs()
     cells = round(far_m / 0.05)
     limit = r"5243 m"
     with pytest.raises(ConfigError, match=rf"submap='1': submap 1 extends {far_m:.0f} m; .*{limit}.*5 mm"):
-        engine.publish("1", square(10, cells))
+        one.publish("1", square(10, cells))
     with pytest.raises(ConfigError, match=rf"submap='1': submaps 1 and 0 together .*{limit}"):
-        engine.publish("1", square(), anchor=fixed(far_m))
+        one.publish("1", square(), anchor=fixed(far_m))
     with pytest.raises(ConfigError, match=limit):
-        engine.publish("1", square(low=(0, cells)))
+        one.publish("1", square(low=(0, cells)))
     with pytest.raises(ConfigError, match=limit):
-        engine.publish("0", square(cells, 10))
-    assert (engine.own.revision, engine.take_outputs()) == (said, [])
-    assert engine.publish("1", square(), anchor=fixed(5000.0))
-    assert len(fold(view(engine).sources)) == 8
+        one.publish("0", square(cells, 10))
+    assert (one.own.revision, one.take_outputs()) == (said, [])
+    assert one.publish("1", square(), anchor=fixed(5000.0))
+    assert len(fold(view(one).sources)) == 8
 
 
 def test_a_start_too_far_from_the_maps_of_others_is_refused_by_name() -> None:
     a, b = fleet(a=(0.0, 0.0), b=(10.0, 0.0))
     for x_m, yaw_rad in ((6e3, 0.0), (50e3, 1.0), (-500e3, 0.0)):
-        with pytest.raises(ConfigError, match=r"start=Pose2.*submap 0 of a \(epoch 1\).*5243 m.*forget\('a'\)"):
+        with pytest.raises(
+            ConfigError, match=r"start=Pose2.*submap 0 of a \(life [0-9a-f]{16}\).*5243 m.*forget\('a'\)"
+        ):
             b.set_start(fixed(x_m, 0.0, yaw_rad))
-    assert b.own.header.start == fixed(10.0)
+    assert b.own.start == fixed(10.0)
     assert b.set_start(fixed(5.2e3, 0.0, 1.0))
-    hand_over(b, a)
-    for engine in (a, b):
-        assert fold(view(engine).sources).left_out == ()
+    deliver(b, a)
+    for one in (a, b):
+        assert fold(view(one).sources).left_out == ()
     assert b.set_start(None)
     assert b.set_start(fixed(0.0))
 
 
 def test_a_map_too_far_from_those_of_others_is_refused_by_name() -> None:
-    a, b = Engine("a", start=fixed(500e3)), Engine("b", start=fixed(0.0))
+    a, b = engine("a", start=fixed(500e3)), engine("b", start=fixed(0.0))
     a.publish("0", square())
-    hand_over(a, b)
+    deliver(a, b)
     with pytest.raises(
-        ConfigError, match=r"submap='hall': together with submap 0 of a \(epoch 1\) it extends 500002 m"
+        ConfigError, match=r"submap='hall': together with submap 0 of a \(life [0-9a-f]{16}\) it extends 500002 m"
     ):
         b.publish("hall", square())
     assert b.publish("hall", square(), anchor=fixed(500e3 - 5.2e3))
-    hand_over(b, a)
+    deliver(b, a)
     assert fold(view(a).sources).left_out == ()
     # Another level, or no start, is another component.
-    for other in (Engine("c", start=fixed(0.0), level="1"), Engine("d")):
-        hand_over(a, other)
+    for other in (engine("c", start=fixed(0.0), level="1"), engine("d")):
+        deliver(a, other)
         assert other.publish("0", square())
 
 
@@ -115,10 +110,10 @@ def test_a_single_robot_far_away_silences_nobody(far_m: float, name: str) -> Non
     a, b, bad = fleet(a=(500e3, 0.0), b=(500e3 + 20.0, 0.0), **{name: (500e3 + far_m, 0.0)})
     assert a.publish("0", square(21))
     assert a.set_start(fixed(500e3 - 1.0))
-    hand_over(a, b, bad)
-    merged = [fold(view(engine).sources) for engine in (a, b, bad)]
+    deliver(a, b, bad)
+    merged = [fold(view(one).sources) for one in (a, b, bad)]
     assert {m.digest for m in merged} == {merged[0].digest}
-    assert [frame for frame, _ in merged[0].left_out] == [(name, 1, "0")]
+    assert [frame for frame, _ in merged[0].left_out] == [(name, life(name), "0")]
     with pytest.raises(ConfigError, match="submap 0 of a"):
         bad.publish("0", square(22))
 
@@ -130,15 +125,15 @@ def test_a_step_away_from_the_others_that_would_leave_the_own_map_out_is_refused
     with pytest.raises(ConfigError, match="submap 0 of a"):
         z.set_start(fixed(600e3))
     assert z.set_start(fixed(500e3 - 5.0))
-    hand_over(z, a)
+    deliver(z, a)
     assert fold(view(a).sources).left_out == ()
 
 
 def test_maps_that_wait_for_the_quota_count() -> None:
-    a = Engine("a", start=fixed(0.0))
+    a = engine("a", start=fixed(0.0))
     a.publish("0", square())
-    b = Engine("b", start=fixed(0.0), quota=Quota(max_rate_hz=0.1))
-    hand_over(a, b)
+    b = engine("b", start=fixed(0.0), quota=Quota(max_rate_hz=0.1))
+    deliver(a, b)
     assert b.publish("0", square())
     assert b.publish("1", square(), anchor=fixed(5000.0))
     assert b.own.submaps.keys() == {"0"}
@@ -150,15 +145,15 @@ def test_maps_that_wait_for_the_quota_count() -> None:
 
 
 def test_together_beyond_what_poses_hold_is_refused() -> None:
-    engine = Engine("a", start=fixed(10e6))
+    one = engine("a", start=fixed(10e6))
     with pytest.raises(ConfigError, match=r"start and anchor together.*17592186 m"):
-        engine.publish("0", square(), anchor=fixed(10e6))
+        one.publish("0", square(), anchor=fixed(10e6))
     far = VectorMap(Lattice(50_000, fixed(10e6)), square().edges, square().thickness)
     with pytest.raises(ConfigError, match=r"start, anchor and origin together.*17592186 m"):
-        engine.publish("0", far)
-    assert engine.publish("0", far, anchor=fixed(-10e6))
+        one.publish("0", far)
+    assert one.publish("0", far, anchor=fixed(-10e6))
     with pytest.raises(ConfigError, match="17592186 m"):
-        engine.set_start(fixed(0.0, -10e6, math.pi / 2))  # turned: the anchor adds 10 000 km along y
+        one.set_start(fixed(0.0, -10e6, math.pi / 2))  # turned: the anchor adds 10 000 km along y
 
 
 def test_a_long_map_may_lie_across_its_own_axes() -> None:
@@ -169,22 +164,22 @@ def test_a_long_map_may_lie_across_its_own_axes() -> None:
     ends = [(0, 0, 20, 0, 5), (100_000, 100_000, 100_020, 100_000, 7)]
     corridor = VectorMap(Lattice(50_000), np.array(steps + back + ends, np.int32), np.full(len(steps) * 2 + 2, 4))
     with pytest.raises(ConfigError, match="extends 7072 m"):
-        Engine("a", start=fixed(0.0, 0.0, -math.pi / 4)).publish("0", corridor)
+        engine("a", start=fixed(0.0, 0.0, -math.pi / 4)).publish("0", corridor)
     # A third shorter, so that it fits: the corners of its box would reach over 6600 m and more.
     shorter = VectorMap(Lattice(33_000), corridor.edges, corridor.thickness)
-    engine = Engine("a", start=fixed(0.0, 0.0, -math.pi / 4))
-    assert engine.publish("0", shorter)
-    assert fold(view(engine).sources).left_out == ()
+    one = engine("a", start=fixed(0.0, 0.0, -math.pi / 4))
+    assert one.publish("0", shorter)
+    assert fold(view(one).sources).left_out == ()
 
 
 def test_the_limit_is_exact() -> None:
     cells = MAX_EXTENT * FLEET_UM // 5_000
     for place in (0.0, 123_456.789):
-        engine = Engine("a", start=fixed(place))
-        assert engine.publish("0", square(9, cells, um=5_000))
-        assert fold(view(engine).sources).left_out == ()
+        one = engine("a", start=fixed(place))
+        assert one.publish("0", square(9, cells, um=5_000))
+        assert fold(view(one).sources).left_out == ()
         with pytest.raises(ConfigError):
-            engine.publish("0", square(9, cells + 1, um=5_000, low=(0, -1)))
+            one.publish("0", square(9, cells + 1, um=5_000, low=(0, -1)))
 
 
 places = st.integers(-2 * MAX_EXTENT, 2 * MAX_EXTENT) | st.sampled_from(
@@ -199,16 +194,16 @@ places = st.integers(-2 * MAX_EXTENT, 2 * MAX_EXTENT) | st.sampled_from(
 )
 def test_what_a_publish_takes_the_merged_map_has(far: int, steps: list[tuple[str, str, int, int]]) -> None:
     """Robots that hear of each other before they speak never push each other's maps out."""
-    engines = {robot: Engine(robot, start=FixedPose(far * FLEET_UM, 0)) for robot in "abcd"}
+    engines = {robot: engine(robot, start=FixedPose(far * FLEET_UM, 0)) for robot in "abcd"}
     taken = 0
     for robot, submap, y, x in steps:
-        engine = engines[robot]
+        one = engines[robot]
         try:
-            taken += engine.publish(submap, square(), anchor=FixedPose(x * FLEET_UM, y * FLEET_UM))
+            taken += one.publish(submap, square(), anchor=FixedPose(x * FLEET_UM, y * FLEET_UM))
         except ConfigError as error:
             assert "5243 m" in str(error)
-        hand_over(engine, *[other for other in engines.values() if other is not engine])
-        merged = fold(view(engine).sources)
+        deliver(one, *[other for other in engines.values() if other is not one])
+        merged = fold(view(one).sources)
         assert merged.left_out == ()
         assert len(merged) >= 4
     assert taken >= 1
