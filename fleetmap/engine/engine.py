@@ -196,7 +196,6 @@ class Engine:
             if not step:
                 raise ConfigError(option="robot", value=robot, reason="no former life of this robot is held")
             self._commit(facts=step)
-            self._settle(robot)
             return True
         streams = {s.key: s.state for s in self.holdings.streams() if s.robot == robot}
         if not streams:
@@ -659,6 +658,8 @@ class Engine:
         self._put("delta", record)
         self._said_bytes = len(record)
         self._outputs.extend(changed_events(step))
+        if step.before.facts != step.after.facts:
+            self._settle(self.robot)  # it may have ended former lives, by whatever call
         return True
 
     def _say(self, kind: str, payload: bytes) -> None:
