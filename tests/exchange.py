@@ -248,14 +248,15 @@ class Fleet:
         self.clock = FakeClock()
         self.hub = MemoryHub(self.clock, fate=fate)
         self.nodes: dict[str, Node] = {}
-        self._runs: dict[str, int] = {}
+        self.runs: dict[str, int] = {}
         for name in names:
             self.add(name)
 
     def add(self, robot: str, *, run: int | None = None, revisions: int = REVISIONS) -> Node:
         """A robot starts, in its next run unless one is named."""
-        self._runs[robot] = run or self._runs.get(robot, 0) + 1
-        self.nodes[robot] = Node(self.hub, self.clock, robot, run=self._runs[robot], revisions=revisions)
+        run = run or self.runs.get(robot, 0) + 1
+        self.runs[robot] = max(run, self.runs.get(robot, 0))
+        self.nodes[robot] = Node(self.hub, self.clock, robot, run=run, revisions=revisions)
         return self.nodes[robot]
 
     def kill(self, robot: str) -> Node:
@@ -264,10 +265,10 @@ class Fleet:
         node.kill()
         return node
 
-    def restart(self, robot: str) -> Node:
+    def restart(self, robot: str, *, revisions: int = REVISIONS) -> Node:
         """A robot ends without a word, and starts anew with nothing."""
         self.kill(robot)
-        return self.add(robot)
+        return self.add(robot, revisions=revisions)
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
