@@ -26,7 +26,6 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,12 +34,13 @@ import fleetmap
 from fleetmap.accounting import Count, wire_bytes
 from fleetmap.accounting.ledger import Stats
 from fleetmap.accounting.wire import TCP_IP_BYTES
+from fleetmap.engine import Input, Query
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
-from fleetmap.peer.link import Token
 from fleetmap.peer.zenoh_link import ZenohLink
 
+LIFE = 2**63 + 1
 ENDPOINT = "tcp/127.0.0.1:7447"
 PERIODS_S = (None, 0.1, 1.0, 5.0, 30.0)
 """Between two publishes; None: none."""
@@ -120,18 +120,10 @@ async def publishing(period_s: float | None, for_s: float, *, both: bool = False
 class Deaf:
     """A receiver that wants nothing."""
 
-    def message(self, robot: str, suffix: str, payload: bytes) -> None:
-        """Take a sample."""
-
-    def alive(self, token: Token) -> None:
-        """Take a token."""
-
-    def gone(self, token: Token) -> None:
-        """Take its end."""
-
-    def query(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
-        """Answer with nothing."""
-        reply([])
+    def deliver(self, item: Input) -> None:
+        """Take it; answer with nothing."""
+        if isinstance(item, Query):
+            item.reply([])
 
 
 async def putting(size_bytes: int, puts: int) -> dict[str, object]:
@@ -141,10 +133,11 @@ async def putting(size_bytes: int, puts: int) -> dict[str, object]:
     try:
         await a.open(Deaf())
         await b.open(Deaf())
+        await a.show(LIFE)
         await asyncio.sleep(1.0)
         began_s, kernel, count = time.monotonic(), counted_bytes(), Count()
         for _ in range(puts):
-            a.put("delta", os.urandom(size_bytes))
+            a.put(LIFE, "delta", os.urandom(size_bytes))
             count.add(size_bytes)
             await asyncio.sleep(PUT_EVERY_S)
         kernel, time_s = counted_bytes() - kernel, time.monotonic() - began_s

@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator
 
 import pytest
 
 from fleetmap.accounting import Count, Transport, wire_bytes
 from fleetmap.accounting.wire import BATCH_BYTES, KEEP_ALIVE_BYTES, MISS_BYTES
-from fleetmap.peer.link import Token
+from fleetmap.engine import Alive, Input, Message, Query
 from fleetmap.peer.zenoh_link import ZenohLink
 
+LIFE = 2**63 + 1
 PAYLOAD = b"a payload that nothing else looks like."
 SHORTER = 3
 """A frame's number starts at random and takes 3 bytes once in 128 times; a session's id is as seldom a byte shorter."""
@@ -26,20 +27,15 @@ class Ears:
         self.heard: asyncio.Queue[str] = asyncio.Queue()
         self._loop = asyncio.get_running_loop()
 
-    def message(self, robot: str, suffix: str, payload: bytes) -> None:
-        """Take a sample."""
-        self._loop.call_soon_threadsafe(self.heard.put_nowait, suffix)
-
-    def alive(self, token: Token) -> None:
-        """Take a token."""
-        self._loop.call_soon_threadsafe(self.heard.put_nowait, "alive")
-
-    def gone(self, token: Token) -> None:
-        """Take its end."""
-
-    def query(self, suffix: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
-        """Answer."""
-        reply([PAYLOAD])
+    def deliver(self, item: Input) -> None:
+        """Take a sample or a token, or answer."""
+        match item:
+            case Message():
+                self._loop.call_soon_threadsafe(self.heard.put_nowait, item.kind)
+            case Alive():
+                self._loop.call_soon_threadsafe(self.heard.put_nowait, "alive")
+            case Query():
+                item.reply([PAYLOAD])
 
 
 class Proxy:
@@ -109,12 +105,12 @@ async def test_each_kind_is_framed_as_zenoh_frames_it(timeout_factor):
         try:
             await first.open(others)
             await second.open(ears)
-            await first.declare_alive(1, "x")
+            await first.show(LIFE)
             while await ears.heard.get() != "alive":
                 pass
             for kind in ("digest", "pose", "goal", "delta"):
                 proxy.batches.clear()
-                first.put(kind, PAYLOAD)
+                first.put(LIFE, kind, PAYLOAD)
                 assert await ears.heard.get() == kind
                 plain = Transport(miss_heartbeat_s=None if kind != "delta" else 0.5)
                 expected = estimate(kind, plain)
@@ -127,7 +123,7 @@ async def test_each_kind_is_framed_as_zenoh_frames_it(timeout_factor):
             asked = asyncio.get_running_loop().create_future()
             loop = asyncio.get_running_loop()
             second.ask(
-                "r0",
+                ("r0", LIFE),
                 "revisions",
                 b"",
                 on_reply=lambda payload: None,

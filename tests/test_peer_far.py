@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fleetmap
-from fleetmap.engine import Submap
+from fleetmap.codecs.facts import set_anchor
 from fleetmap.model.errors import ConfigError, MapFormatError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
@@ -89,7 +89,7 @@ async def test_a_start_too_far_from_the_fleet_is_refused() -> None:
         await a.publish(grid())
         await b.publish(grid())
         await b.synced(20.0, at_least=1)
-        with pytest.raises(ConfigError, match=r"submap 0 of a \(epoch 1\) it extends 500002 m"):
+        with pytest.raises(ConfigError, match=r"submap 0 of a \(life [0-9a-f]{16}\) it extends 500002 m"):
             await b.set_start(Pose2())
         assert b.T_fleet_robot is None
         await b.set_start(Pose2(500e3 + 3.0))
@@ -107,15 +107,16 @@ async def test_who_is_left_out_of_the_merged_map_is_logged_once(caplog: pytest.L
         for peer in (a, b):
             await peer.publish(grid())
         # By a program that doesn't look where the others are.
-        there = Submap(vectorize(grid()), FixedPose(10**10))
-        await far._run(lambda: far._engine._commit(submaps={"0": there, "1": there}))
+        anchors = {**set_anchor("0", FixedPose(10**10)), **set_anchor("1", FixedPose(10**10))}
+        there = vectorize(grid())
+        await far._run(lambda: far._engine._commit(facts=anchors, submaps={"0": there, "1": there}))
         for width in (62, 64):
             await a.publish(grid(width=width))
             for peer in peers:
                 await peer.synced(20.0, at_least=2)
-    assert {frame for frame, _ in a.merged.left_out} == {("far", 1, "0"), ("far", 1, "1")}
+    assert {frame for frame, _ in a.merged.left_out} == {("far", far.life, "0"), ("far", far.life, "1")}
     lines = sorted(record.getMessage() for record in caplog.records)
-    assert [line.partition(" (epoch")[0] for line in lines] == [
+    assert [line.partition(" (life")[0] for line in lines] == [
         "a: left out of the merged map: the map of far, submap 0",
         "b: left out of the merged map: the map of far, submap 0",
         "far: left out of the merged map: the own map, submap 0",

@@ -108,7 +108,6 @@ async def test_synced_under_which_the_peer_is_closed_says_so() -> None:
 def test_a_sync_call_under_which_the_peer_is_closed_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = FakeClock()
     link = MemoryHub(clock).link("a")
-    # Nothing moves this clock, so the peer gives up asking for its epoch after a fifth of a second.
     peer = fleetmap.sync.join("a", link=link)
     began, gate = threading.Event(), threading.Event()
 
@@ -134,9 +133,10 @@ def test_a_sync_call_under_which_the_peer_is_closed_ends(monkeypatch: pytest.Mon
     assert [type(e) for e in ended] == [LinkError]
 
 
-def test_an_epoch_in_other_digits_is_no_token() -> None:
-    assert parse_token("fleetmap/f/r/alive/\u00b2/x") is None
-    assert parse_token("fleetmap/f/r/alive/2/x") is not None
+@pytest.mark.parametrize("life", ["", "1", "\u00b2" * 16, "0" * 15 + "G", "0" * 15 + "A", "0" * 17, "x"])
+def test_a_life_in_other_digits_is_no_token(life: str) -> None:
+    assert parse_token(f"fleetmap/f/r/alive/{life}") is None
+    assert parse_token("fleetmap/f/r/alive/00000000000000ff") == ("r", 255)
 
 
 def test_a_session_that_opens_after_close_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,13 +15,12 @@ import fleetmap
 import fleetmap.sync
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import baselines
-from fleetmap.engine import Engine
+from fleetmap.engine import Alive, Engine, Message, Query
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import Pose2
 from fleetmap.peer import inbox as inbox_module
 from fleetmap.peer.inbox import Inbox
-from fleetmap.peer.link import Token
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 from fleetmap.peer.profiles import zenoh_settings
 from fleetmap.peer.supervisor import PAUSE_S, LinkSupervisor
@@ -96,17 +95,75 @@ async def test_another_resolution_starts_the_submap_anew() -> None:
         assert (await a.refresh()).resolution_um == 100_000
 
 
-async def test_a_namesake_that_was_first_ends_this_peer() -> None:
+async def test_a_name_is_taken_if_a_living_peer_answers_and_not_by_a_token_alone() -> None:
     hub = MemoryHub(LoopClock())
+    ghost = hub.link("b")
+    ghost.display(5)  # nobody is behind it
     async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
-        earlier = hub.link("a")
-        earlier.show(Token("a", 0, "elder"))
-        async with asyncio.timeout(10.0):
-            with pytest.raises(fleetmap.NameInUse):
-                async for _ in a.changes():
-                    pass
-        with pytest.raises(fleetmap.NameInUse):
+        with pytest.raises(fleetmap.NameInUse, match="a living peer is already called 'a'"):
+            await fleetmap.join("a", start=Pose2(), link=hub.link("a"))
+        async with fleetmap.join("b", start=Pose2(), link=hub.link("b")) as b:
+            assert await b.publish(grid())
+            await a.synced(20.0, at_least=1)
+        # Whoever runs is never put out.
+        assert await a.publish(grid())
+
+
+async def test_who_joins_beside_a_namesake_is_another_life_and_both_say_so() -> None:
+    hub = MemoryHub(LoopClock())
+    join = partial(fleetmap.join, "a", start=Pose2(), heartbeat_s=0.05)
+    async with join(link=hub.link("a")) as first:
+        await first.publish(grid())
+        async with join(link=hub.link("a"), if_taken="join") as second:
+            await second.publish(grid(70))
+            merged = await second.synced(20.0)
+            async with asyncio.timeout(20.0), first.stepped:
+                await first.stepped.wait_for(lambda: bool(first.health()))
+            assert (await first.synced(20.0)).digest == merged.digest
+            assert {life for (_, revision) in first.revisions for life in [revision.life]} == {first.life, second.life}
+            assert [(p.kind, p.robot) for p in first.health()] == [("namesake", "a")]
+            assert "give each robot a name of its own" in first.health()[0].text.lower()
+        async with asyncio.timeout(20.0), first.stepped:
+            await first.stepped.wait_for(lambda: not first.health())
+
+
+async def test_a_robot_that_starts_anew_has_its_former_map_until_it_says_otherwise() -> None:
+    hub = MemoryHub(LoopClock())
+    async with fleetmap.join("b", start=Pose2(), link=hub.link("b")) as b:
+        async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
             await a.publish(grid())
+            former = a.life
+            await b.synced(20.0, at_least=1)
+        async with fleetmap.join("a", start=Pose2(), link=hub.link("a")) as a:
+            assert a.life != former
+            before = await a.synced(20.0, at_least=1)
+            assert len(before) >= 4
+            await a.publish(grid(70))
+            await b.synced(20.0, at_least=1)
+            (info,) = b.peers
+            assert (info.life, info.lives) == (a.life, 2)
+            assert b.maps["a"]["0"].digest == a._engine.own.submaps["0"].digest
+            await a.forget("a")
+            await b.synced(20.0, at_least=1)
+            assert b.peers[0].lives == 1
+            assert (await a.refresh()).digest == (await b.refresh()).digest
+            with pytest.raises(fleetmap.ConfigError, match="no former life"):
+                await a.forget("a")
+
+
+@pytest.mark.parametrize("everywhere", [False, True])
+async def test_a_robot_that_is_forgotten_is_out_of_the_merged_map(everywhere: bool) -> None:
+    hub = MemoryHub(LoopClock())
+    join = partial(fleetmap.join, start=Pose2())
+    async with join("b", link=hub.link("b")) as b, join("c", link=hub.link("c")) as c:
+        async with join("a", link=hub.link("a")) as a:
+            await a.publish(grid())
+            await b.synced(20.0, at_least=2)
+        await b.forget("a", everywhere=everywhere)
+        assert len(await b.refresh()) == 0
+        assert (len(await c.synced(20.0, at_least=1)) == 0) == everywhere
+        with pytest.raises(fleetmap.ConfigError, match="no map of that robot"):
+            await b.forget("ghost")
 
 
 async def test_a_robot_that_is_heard_of_through_a_mirror_has_the_link_opened_anew() -> None:
@@ -197,7 +254,8 @@ async def test_the_sync_facade_does_the_same() -> None:
             merged = peer.synced(20.0, at_least=1)
             assert merged.digest == peer.merged.digest == peer.refresh().digest
             assert [p.robot for p in peer.peers] == ["a"]
-            assert peer.epoch == 1
+            assert 0 < peer.life < 2**64
+            assert peer.health() == ()
             assert peer.T_fleet_robot == Pose2()
             assert peer.teammates() == []
             assert peer.stats().bytes_vector > 0
@@ -218,17 +276,17 @@ async def test_a_full_inbox_drops_samples_counts_them_and_keeps_tokens(monkeypat
     inbox = Inbox(asyncio.get_running_loop(), ledger, lambda: b"")
     answered: list[list[bytes]] = []
     for _ in range(5):
-        inbox.message("r", "delta", b"xx")
-    inbox.query("snapshot", b"", lambda replies: answered.append(list(replies)))
-    inbox.alive(Token("r", 1, "i"))
+        inbox.deliver(Message("r", 1, "delta", b"xx"))
+    inbox.deliver(Query("snapshot", b"", lambda replies: answered.append(list(replies))))
+    inbox.deliver(Alive("r", 1))
     items = await inbox.take(1.0)
     assert len(items) == 4
     assert answered == [[]]
     assert ledger.stats().dropped["r", "delta/queue_full"].messages == 2
     assert await inbox.take(0.0) == []
-    inbox.query("snapshot", b"", lambda replies: answered.append(list(replies)))
+    inbox.deliver(Query("snapshot", b"", lambda replies: answered.append(list(replies))))
     inbox.close()
-    inbox.message("r", "delta", b"xx")
+    inbox.deliver(Message("r", 1, "delta", b"xx"))
     assert answered == [[], []]
 
 

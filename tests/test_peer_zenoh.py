@@ -10,11 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from exchange import room
 
 import fleetmap
-from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import Pose2
-from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Peer
 
 TIMEOUT_S = 20.0 * float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
@@ -25,12 +24,6 @@ def endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def room(size: int) -> VectorMap:
-    corners = [(0, 0), (0, size), (size, size), (size, 0)]
-    rows = [(*a, *b, 1) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
-    return VectorMap(Lattice(50_000), np.array(rows, np.int32), np.full(4, 4, np.uint8))
 
 
 def first(endpoint: str, robot: str = "a", **kw: object) -> Peer:
@@ -76,9 +69,9 @@ async def test_changes_say_what_a_record_did(endpoint: str) -> None:
         await a.publish(room(40))
         async with asyncio.timeout(TIMEOUT_S):
             change = await waiting
-            while ("a", 1, "0") not in change.frames:
+            while ("a", a.life, "0") not in change.frames:
                 change = await anext(changes)
-        place = change.frames.index(("a", 1, "0"))
+        place = change.frames.index(("a", a.life, "0"))
         assert change.boxes_m[place] == pytest.approx((0.0, 0.0, 2.0, 2.0))
         assert (change.edges_added, change.edges_removed) == (4, 0)
         assert dict(change.revisions)["a"].seq == 2
@@ -113,20 +106,22 @@ async def test_a_closed_peer_is_absent_and_its_map_stays(endpoint: str) -> None:
             assert c.merged.digest == a.merged.digest
 
 
-async def test_a_restarted_robot_takes_the_next_epoch(endpoint: str) -> None:
+async def test_a_restarted_robot_is_another_life_and_its_former_map_stays(endpoint: str) -> None:
     async with first(endpoint) as a:
         async with further(endpoint, "b") as b:
             await b.publish(room(60))
             await a.synced(TIMEOUT_S, at_least=1)
-            assert b.epoch == 1
+            former = b.life
         await until(a, lambda: not a.peers[0].alive)
         async with further(endpoint, "b") as b:
-            assert b.epoch == 2
+            assert b.life != former
             await b.publish(room(50))
             await a.synced(TIMEOUT_S, at_least=1)
             await b.synced(TIMEOUT_S, at_least=1)
             assert a.merged.digest == b.merged.digest
-            assert a.peers[0].epoch == 2
+            assert (a.peers[0].life, a.peers[0].lives) == (b.life, 2)
+            await b.publish(room(50), supersedes=True)
+            await until(a, lambda: a.peers[0].lives == 1)
 
 
 async def test_a_name_in_use_is_refused(endpoint: str) -> None:
@@ -134,6 +129,16 @@ async def test_a_name_in_use_is_refused(endpoint: str) -> None:
         with pytest.raises(fleetmap.NameInUse, match="'a'"):
             await further(endpoint, "a")
         await a.publish(room(10))
+
+
+async def test_a_namesake_may_join_when_it_says_that_it_wants_to(endpoint: str) -> None:
+    async with first(endpoint) as a, further(endpoint, "a", if_taken="join") as again:
+        await a.publish(room(60))
+        await again.publish(room(50))
+        await until(a, lambda: bool(a.health()))
+        await until(again, lambda: bool(again.health()))
+        assert (await a.synced(TIMEOUT_S)).digest == (await again.synced(TIMEOUT_S)).digest
+        assert {revision.life for _, revision in a.revisions} == {a.life, again.life}
 
 
 async def test_an_unknown_start_is_a_component_of_its_own(endpoint: str) -> None:
