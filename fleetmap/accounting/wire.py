@@ -36,6 +36,8 @@ TIMESTAMP_BYTES = 9 + 1 + 16
 """Time (64 bits, 7 to a byte, the last 8), length of the session's id, and the id."""
 PUSH_BYTES = 1 + 1 + 1 + 1 + 1
 """Headers of push and put, number of the declared prefix ``fleetmap/<fleet>``, lengths of suffix and payload."""
+LIFE_BYTES = 1 + 16
+"""The end of each key, as text: Zenoh has numbers only for what the receiver has declared, which holds no life."""
 SOURCE_BYTES = 2 + 1 + 16 + 1 + 1
 """What an advanced publisher adds: an extension with the session's id, the publisher's, and the sample's number."""
 MISS_BYTES = BATCH_BYTES + 1 + 1 + 2 + 1 + TIMESTAMP_BYTES + 1 + 4
@@ -181,9 +183,9 @@ def _framing(kind: str, transport: Transport) -> int:
     if kind in QUERIES:
         return QUERY_BYTES
     if kind in REPLIES:
-        return REPLY_BYTES + len(f"fleetmap/{transport.fleet}/{transport.robot}/revisions")
+        return REPLY_BYTES + len(f"fleetmap/{transport.fleet}/{transport.robot}/revisions") + LIFE_BYTES
     advanced = kind == "delta" and transport.miss_heartbeat_s is not None
-    suffix = len(f"/{transport.robot}/{kind}")
+    suffix = len(f"/{transport.robot}/{kind}") + LIFE_BYTES
     return BATCH_BYTES + PUSH_BYTES + suffix + TIMESTAMP_BYTES + (SOURCE_BYTES if advanced else 0)
 
 
