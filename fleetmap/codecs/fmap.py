@@ -1,6 +1,8 @@
 """``.fmap`` files: a vector map or a merged map, in the bytes that travel between robots.
 
-``FMAP``, then one msgpack array: version, kind, what the map is besides its edges, its edges, its digest.
+``FMAP``, then one msgpack array: version, kind, what the map is besides its edges, its edges, its digest; and, if there
+are any, a map of facts, as streams have them (``codecs.facts``). This version writes none, and reads over those that it
+finds.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 
 from fleetmap.codecs import protocol
 from fleetmap.codecs.deflate import deflate, inflate
-from fleetmap.codecs.envelope import VERSION, map_header_fields, read_map_header
+from fleetmap.codecs.envelope import map_header_fields, read_map_header
+from fleetmap.codecs.facts.facts import MAX_FACTS, check_bounds
 from fleetmap.codecs.files import read_behind, write_whole
 from fleetmap.codecs.leb128 import decode_leb128, encode_leb128, unzigzag, zigzag
 from fleetmap.codecs.messages import MapHeader
@@ -25,6 +28,8 @@ from fleetmap.model.mergedmap import MAX_FLEET_COORDINATE, ORIGIN_UM, MergedMap
 from fleetmap.model.vectormap import VectorMap
 
 MAGIC = b"FMAP"
+VERSION, FIRST_VERSION = 2, 1
+"""The first one is as the second without facts."""
 KIND_VECTOR, KIND_MERGED = 1, 2
 MAX_INFLATED_BYTES = 16 << 20
 
@@ -89,16 +94,36 @@ def _empty(header: MapHeader) -> VectorMap:
 
 def _unpack(data: bytes) -> tuple[int, tuple[object, ...], bytes, int]:
     fields = msgpack.unpackb(
-        data, use_list=False, max_array_len=16, max_str_len=0, max_map_len=0, max_ext_len=0, max_bin_len=len(data)
+        data,
+        use_list=False,
+        max_array_len=16,
+        max_str_len=0,
+        max_map_len=MAX_FACTS,
+        max_ext_len=0,
+        max_bin_len=len(data),
     )
-    if not isinstance(fields, tuple) or len(fields) != 5:
-        raise ValueError("expected an array of 5")
-    version, kind, about, payload, digest = fields
-    if version != VERSION or kind not in (KIND_VECTOR, KIND_MERGED):
-        raise ValueError(f"version {version!r}, kind {kind!r}; this one reads version {VERSION}, kinds 1 and 2")
+    if not isinstance(fields, tuple) or len(fields) not in (5, 6):
+        raise ValueError("expected an array of 5, or of 6 with facts")
+    version, kind, about, payload, digest, *facts = fields
+    known = type(version) is int and FIRST_VERSION <= version <= VERSION
+    if not known or kind not in (KIND_VECTOR, KIND_MERGED):
+        raise ValueError(
+            f"version {version!r}, kind {kind!r}; this one reads versions {FIRST_VERSION} and {VERSION}, kinds 1 and 2"
+        )
     if not isinstance(about, tuple) or not isinstance(payload, bytes) or type(digest) is not int:
         raise ValueError("expected an array, bytes and a number")
+    if facts:
+        _check_facts(version, facts[0])
     return kind, about, payload, digest
+
+
+def _check_facts(version: int, facts: object) -> None:
+    """Whatever they say: what they may take is known."""
+    if version == FIRST_VERSION or not isinstance(facts, dict):
+        raise ValueError(f"expected a map of facts, in version {VERSION}")
+    if not all(isinstance(part, bytes) for item in facts.items() for part in item):
+        raise ValueError("expected facts of bytes")
+    check_bounds(facts)
 
 
 def _pack_merged(edges: NDArray[np.int32]) -> bytes:
