@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from fleetmap.codecs.facts import FactsStep, supersede
+from fleetmap.codecs.facts import FactsStep, check_facts, supersede
 from fleetmap.codecs.messages import MAX_CHUNK_BYTES
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.log import RecordLog, record_message, snapshot_messages
 from fleetmap.engine.stream import Step, Stream
+from fleetmap.model.errors import ConfigError
 from fleetmap.model.vectormap import VectorMap
 
 
@@ -38,7 +39,7 @@ class Author:
 
         Raises
         ------
-        ConfigError : the whole stream grew beyond what a snapshot may hold; it stays as it was
+        ConfigError : the whole stream, or its facts, grew beyond what peers take; it stays as it was
         """
         if self.stream.seq == self.chain.revisions:
             return self._renew(facts or {}, self.stream.submaps if submaps is None else submaps)
@@ -72,6 +73,11 @@ class Author:
         return result
 
     def _say(self, old: Stream, new: Stream) -> tuple[bytes, Step]:
+        if new.facts != self.stream.facts:
+            try:
+                check_facts(new.facts)
+            except ValueError as error:
+                raise ConfigError(option="facts", value=f"{len(new.facts)} facts", reason=str(error)) from None
         record, step = record_message(old, new)
         if len(record) > MAX_CHUNK_BYTES:
             snapshot_messages(new)  # refuses what no peer could catch up with

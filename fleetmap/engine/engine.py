@@ -12,6 +12,7 @@ reason.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Iterable, Mapping
 
@@ -706,7 +707,8 @@ class Engine:
         if robot == self.robot:
             names = self.holdings.names(lambda life: (robot, life) in self.neighbours)
             if names != self.own.names:
-                self._commit(facts=name_lives(self.own.facts, names))
+                with contextlib.suppress(ConfigError):  # without room for it they go unnamed, and stay
+                    self._commit(facts=name_lives(self.own.facts, names))
 
     def _present(self, key: Key) -> bool:
         neighbour = self.neighbours.by_key.get(key)
