@@ -1,4 +1,4 @@
-"""A reader in plain Python, written from docs/format.md alone, with the names of that page.
+"""A reader in plain Python, written from docs/format.md and docs/protocol.md alone, with the names of these pages.
 
 It takes well-formed bytes: of what a reader refuses there is nothing here.
 """
@@ -6,7 +6,10 @@ It takes well-formed bytes: of what a reader refuses there is nothing here.
 import zlib
 from bisect import bisect_left
 from collections import Counter, defaultdict
+from hashlib import sha256
 from itertools import accumulate, chain, count, repeat
+
+import msgpack
 
 LABELS = (1, 2, 5, None)  # of edges of class 0, 1, 2 as they are walked; of no edge
 WINDOWS, FIRST_BAND, BANDS, FIRST_COLUMN, COLUMNS, REMOVED, WALKS = range(0, 79, 13)
@@ -260,14 +263,63 @@ def read_exact(data, base):
     return [[cells[y, x] for x in columns] for y in rows]
 
 
+def hash_of(salt, *values):
+    """The hash of the page."""
+    h = salt % 2**64
+    for v in values:
+        h = ((h ^ v % 2**64) + 0x9E3779B97F4A7C15) % 2**64
+        h = (h ^ h >> 30) * 0xBF58476D1CE4E5B9 % 2**64
+        h = (h ^ h >> 27) * 0x94D049BB133111EB % 2**64
+        h ^= h >> 31
+    return h
+
+
 def digest(edges, resolution_um, x, y, cos, sin):
     """The digest of a vector map."""
-    hashed, thick = 0, [(3, *edge, thickness) for edge, thickness in edges.items() if thickness]
-    for h, *values in [(1, resolution_um, x, y, cos, sin), *((2, *edge) for edge in edges), *thick]:
-        for v in values:
-            h = ((h ^ v) + 0x9E3779B97F4A7C15) % 2**64
-            h = (h ^ h >> 30) * 0xBF58476D1CE4E5B9 % 2**64
-            h = (h ^ h >> 27) * 0x94D049BB133111EB % 2**64
-            h ^= h >> 31
-        hashed += h
-    return hashed % 2**64
+    lattice, thick = hash_of(1, resolution_um, x, y, cos, sin), [(*e, t) for e, t in edges.items() if t]
+    return (lattice + sum(hash_of(2, *edge) for edge in edges) + sum(hash_of(3, *row) for row in thick)) % 2**64
+
+
+# What follows is docs/protocol.md.
+
+
+def read_message(data):
+    """Kind and fields of a message."""
+    first, *fields = msgpack.unpackb(data)
+    return first % 16, fields
+
+
+def read_change(change, facts, submaps, tables):
+    """Facts, and submaps (name: (map header, edges)), after a change."""
+    changed, new_facts = change[0], change[1] if len(change) > 1 else {}
+    submaps = dict(submaps)
+    for name, what in (changed if isinstance(changed, dict) else {"0": changed}).items():
+        payload, header = what if isinstance(what, list) else (what, None)
+        header, base = (header, {}) if header else submaps[name]
+        submaps[name] = header, read_payload(payload, base, tables)
+    return {key: value for key, value in (facts | new_facts).items() if value is not None}, submaps
+
+
+def stream_digest(robot, life, facts, submaps):
+    """The digest of a stream."""
+    author = hash_of(raw(16, robot.encode()), life)
+    total = sum(raw(raw(author, key), value) for key, value in facts.items())
+    for name, ((resolution_um, pose, epsilon, profile), edges) in submaps.items():
+        vector_map = digest(edges, resolution_um, *(pose or (0, 0, 2**30, 0)))
+        total += hash_of(raw(author ^ 17, name.encode()), vector_map, round(epsilon * 10**9), profile)
+    return total % 2**64
+
+
+def held_hash(revisions):
+    """The hash over all that a peer holds: (robot, life, seq, digest)."""
+    return sum(hash_of(raw(18, robot.encode()), *revision) for robot, *revision in revisions) % 2**64
+
+
+def raw(salt, data):
+    """The hash of bytes, with their count."""
+    return hash_of(salt, *data, len(data))
+
+
+def link_before(link, seq):
+    """The link of the seq before."""
+    return int.from_bytes(sha256(link.to_bytes(8, "big") + seq.to_bytes(4, "big")).digest()[:8], "big")

@@ -1,4 +1,4 @@
-"""Write tests/data/v1: payloads of the format's version 1, which every later reader must read.
+"""Write what every later reader must read: tests/data/v1, payloads of the format, and v2, messages of the protocol.
 
     python tests/golden.py
 
@@ -8,28 +8,36 @@ Once robots are under way, files are only added here, and none is written anew.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.codecs import messages as msg
 from fleetmap.codecs import protocol
 from fleetmap.codecs.context_grid import encode_states
+from fleetmap.codecs.envelope import encode
+from fleetmap.codecs.facts import FactsStep, forget, set_anchor, set_level, set_start, supersede
+from fleetmap.engine import Chain, Stream
+from fleetmap.engine.author import Author
+from fleetmap.engine.log import snapshot_messages
 from fleetmap.model.delta import diff
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import Lattice
+from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.vectorize import Vectorizer, vectorize
 
-FOLDER = Path(__file__).parent / "data" / "v1"
+FOLDER = Path(__file__).parent / "data"
 EMPTY = VectorMap.empty(Lattice(50_000))
 LINE = 118
 
 
-def read_golden(name: str) -> list[list[tuple[bytes, str]]]:
-    """The runs of a file: payloads with the digest of what comes out."""
-    _, *blocks = (FOLDER / f"{name}.hex").read_text().split("\n\n")
+def read_golden(name: str, version: str = "v1") -> list[list[tuple[bytes, str]]]:
+    """The runs of a file: payloads, each with what comes out, mostly its digest."""
+    _, *blocks = (FOLDER / version / f"{name}.hex").read_text().split("\n\n")
     pairs = [[part.split("=") for part in block.replace("\n= ", "=").strip().splitlines()] for block in blocks]
     result: list[list[tuple[bytes, str]]] = []
     for block in pairs:
@@ -121,6 +129,69 @@ def runs() -> Iterator[Iterator[VectorMap]]:
     yield iter([vectorize(grid(rooms(2, height=200, width=300)), specks=0)])
 
 
+ROBOT, SEED = "r7", bytes(range(16))
+OTHERS: list[tuple[msg.Message, object]] = [
+    (msg.Heartbeat(7, 2**63 + 1), [7, 2**63 + 1]),
+    (msg.Want("r8", msg.Revision(2**64 - 1, 0, 0)), ["r8", 2**64 - 1, 0, 0]),
+    (msg.Want("r8", msg.Revision(255, 3, 2**63), (9, 2**62, 4)), ["r8", 255, 3, 2**63, 9, 2**62, 4]),
+    (
+        msg.RevisionList((("r7", msg.Revision(255, 3, 2**63)), ("r8", msg.Revision(1, 1, 0)))),
+        [[["r7", 255, 3, 2**63], ["r8", 1, 1, 0]]],
+    ),
+    (msg.PoseMessage(-1500, 10**9, -3142), [-1500, 10**9, -3142]),
+    (msg.GoalMessage((-1, 70_000)), [[-1, 70_000]]),
+    (msg.GoalMessage(None), [None]),
+    (
+        msg.StatsMessage(12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10)}, {"grid_gzip_full": (1, 900, 1)}),
+        [12_000, 2, 68, 5592, [4, 600, 4], {"delta": [10, 655, 10]}, {"grid_gzip_full": [1, 900, 1]}],
+    ),
+]
+"""The messages that carry no change, each with its fields."""
+
+
+def revisions() -> Iterator[tuple[bytes, Stream]]:
+    """All that an author says: records, each with the stream after it."""
+    author = Author(ROBOT, Chain(SEED, revisions=300))
+    first, second, _ = by_hand()
+    start, anchor = FixedPose.from_pose(Pose2(3.0, -2.5, 0.75)), FixedPose.from_pose(Pose2(0.25, 0.0, -1.0))
+    lattice = Lattice(20_000, FixedPose.from_pose(Pose2(-1.0, 0.5, 0.1)))
+    other = VectorMap(lattice, first.edges, first.thickness, 1.0, "full")
+    steps: list[tuple[FactsStep, dict[str, VectorMap]]] = [
+        ({**set_level("upper.2"), **set_start(start)}, {}),
+        ({}, {"0": first}),
+        ({}, {"0": second}),
+        (set_anchor("s", anchor), {"s": other}),
+        ({bytes([200]) + b"new": b"of a later version"}, {"0": first, "s": VectorMap.empty(lattice)}),
+        ({**supersede({255: (3, 2**63)}), **forget({("r8", 1): (1, 2**64 - 1)}), bytes([4]) + bytes(8): b""}, {}),
+        ({**set_start(None), **set_level("0")}, {}),
+        ({}, {}),
+    ]
+    submaps: dict[str, VectorMap] = {}
+    for facts, changed in steps:
+        submaps |= changed
+        said = author.commit(facts=facts, submaps=dict(submaps), even_if_nothing=True)
+        assert said is not None
+        yield said[0], author.stream
+
+
+def messages() -> Iterator[str]:
+    """The lines of v2/messages.hex."""
+    yield "# Messages. First the records of robot r7 in one life, each with seq, link and the digest of the stream then;"
+    yield "# then a snapshot of the last of these, with the same; then those of each other kind, with their fields."
+    yield ""
+    for record, stream in revisions():
+        yield folded(record)
+        yield f"= {stream.seq} {stream.link:016x} {stream.digest:016x}"
+    yield ""
+    for chunk in snapshot_messages(stream):
+        yield folded(chunk)
+        yield f"= {stream.seq} {stream.link:016x} {stream.digest:016x}"
+    yield ""
+    for message, fields in OTHERS:
+        yield folded(encode(message))
+        yield f"= {json.dumps(fields)}"
+
+
 def folded(payload: bytes) -> str:
     """Hexadecimal, in lines."""
     text = payload.hex()
@@ -129,7 +200,9 @@ def folded(payload: bytes) -> str:
 
 def main() -> None:
     """Write the files."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
+    for version in ("v1", "v2"):
+        (FOLDER / version).mkdir(parents=True, exist_ok=True)
+    (FOLDER / "v2" / "messages.hex").write_text("\n".join(messages()) + "\n")
     for mode in (0, 1):
         lines = [
             f"# Mode {mode}: payloads, each with the digest of the map after it. Each is a delta from the map before,",
@@ -142,7 +215,7 @@ def main() -> None:
                 payload = protocol.encode(diff(base, vector_map), base, mode=mode)
                 lines += [folded(payload), f"= {vector_map.digest:016x}"]
                 base = vector_map
-        (FOLDER / f"mode{mode}.hex").write_text("\n".join(lines) + "\n")
+        (FOLDER / "v1" / f"mode{mode}.hex").write_text("\n".join(lines) + "\n")
     first, second = rooms(3, height=40, width=53), rooms(4, height=40, width=53)
     lines = [
         "# The exact layer: payloads, each with the SHA-256 of the states, row by row, one byte each.",
@@ -154,7 +227,7 @@ def main() -> None:
         folded(encode_states(second, first)),
         f"= {hashlib.sha256(second.tobytes()).hexdigest()}",
     ]
-    (FOLDER / "exact.hex").write_text("\n".join(lines) + "\n")
+    (FOLDER / "v1" / "exact.hex").write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

@@ -3,40 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+import json
 
 import format_reader
+import golden
+import msgpack
 import numpy as np
 import pytest
-from golden import read_golden, rooms
+from golden import SEED, read_golden, rooms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetmap.codecs import mode1_start, protocol
+from fleetmap.codecs import envelope, mode1_start, protocol
 from fleetmap.codecs.context_grid import encode_states
-from fleetmap.codecs.messages import Header
-from fleetmap.engine.stream import Stream, Submap
+from fleetmap.codecs.facts import Facts
+from fleetmap.codecs.messages import Record, SnapshotChunk
+from fleetmap.engine import Chain, Limits, Stream
+from fleetmap.engine.author import Author
+from fleetmap.engine.chain import before
+from fleetmap.engine.holdings import Holdings
+from fleetmap.engine.replica import Replica
 from fleetmap.model.delta import diff
 from fleetmap.model.lattice import Lattice
-from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 
-MASK = (1 << 64) - 1
 Map = dict[tuple[int, int, int, int, int], int]
-
-
-def hashed(salt: int, *values: int) -> int:
-    h = salt & MASK
-    for value in values:
-        h = ((h ^ (value & MASK)) + 0x9E3779B97F4A7C15) & MASK
-        h = ((h ^ (h >> 30)) * 0xBF58476D1CE4E5B9) & MASK
-        h = ((h ^ (h >> 27)) * 0x94D049BB133111EB) & MASK
-        h ^= h >> 31
-    return h
-
-
-def text(salt: int, name: str) -> int:
-    raw = name.encode()
-    return hashed(salt, *raw, len(raw))
 
 
 def plain(vector_map: VectorMap) -> Map:
@@ -97,16 +89,106 @@ def test_the_page_and_the_library_digest_the_same(vector_map: VectorMap) -> None
     assert found == vector_map.digest
 
 
-def test_the_page_and_the_library_digest_a_stream_the_same() -> None:
-    anchor = FixedPose.from_pose(Pose2(1.0, -2.0, 0.5))
-    start = FixedPose.from_pose(Pose2(0.0, 3.0, -1.0))
-    vector_map = a_map([(0, 0, 0, 5, 1, 4)])
-    stream = Stream("r-1", 3, 9, Header("level.2", start, (("q", 4), ("r-1", 2))), {"s": Submap(vector_map, anchor)})
-    author = text(16, "r-1")
-    pose = (start.x_um, start.y_um, start.cos_q30, start.sin_q30)
-    total = hashed(text(author, "level.2"), 3, 1, *pose)
-    total += hashed(text(author ^ 17, "q"), 4) + hashed(text(author ^ 17, "r-1"), 2)
-    placed = (anchor.x_um, anchor.y_um, anchor.cos_q30, anchor.sin_q30)
-    frame = hashed(text(author, "s"), 3)
-    total += hashed(frame, vector_map.digest, 1_414_213_562, 0, *placed)
-    assert stream.digest == total & MASK
+_FACTS = st.dictionaries(st.binary(min_size=1, max_size=4), st.binary(max_size=4), max_size=4)
+_NAMES = st.sampled_from(["0", "s", "r-1", "level.2"])
+
+
+@given(_NAMES, st.integers(0, 2**64 - 1), _FACTS, st.dictionaries(_NAMES, _MAPS, max_size=2))
+def test_the_page_and_the_library_digest_a_stream_the_same(
+    robot: str, life: int, facts: dict[bytes, bytes], maps: dict[str, VectorMap]
+) -> None:
+    stream = Stream(robot, life, 9, Facts(facts), maps)
+    headers = {
+        name: [50_000, [-7, 2**39, 0, -(2**30)], vector_map.epsilon_cells, 0] for name, vector_map in maps.items()
+    }
+    submaps = {name: (headers[name], plain(vector_map)) for name, vector_map in maps.items()}
+    assert format_reader.stream_digest(robot, life, facts, submaps) == stream.digest
+
+
+def test_the_page_is_enough_for_the_golden_records() -> None:
+    records, chunks, _ = read_golden("messages", "v2")
+    life = None
+    facts: dict[bytes, bytes] = {}
+    submaps: dict[str, object] = {}
+    before = 0
+    for raw, told in records:
+        kind, (seq, link, check, *change) = format_reader.read_message(raw)
+        facts, submaps = format_reader.read_change(change, facts, submaps, mode1_start)
+        last, life = life, link
+        for n in range(seq, before, -1):
+            life = format_reader.link_before(life, n)
+        if last is None:
+            first = life  # of the whole chain: seq 0
+        else:
+            assert life == last
+        digest = format_reader.stream_digest("r7", first, facts, submaps)
+        assert (kind, f"{seq} {link:016x} {digest:016x}") == (1, told)
+        assert check == digest % 2**16
+        life, before = link, seq
+    data = b""
+    for index, (raw, told) in enumerate(chunks):
+        kind, (seq, digest, link, *place, part) = format_reader.read_message(raw)
+        assert (kind, place) == (2, [index, len(chunks)])
+        assert f"{seq} {link:016x} {digest:016x}" == told
+        data += part
+    whole = format_reader.read_change(msgpack.unpackb(data), {}, {}, mode1_start)
+    assert whole == (facts, submaps)
+
+
+def test_the_page_is_enough_for_the_other_golden_messages() -> None:
+    *_, others = read_golden("messages", "v2")
+    kinds = []
+    for raw, told in others:
+        kind, fields = format_reader.read_message(raw)
+        assert fields == json.loads(told)
+        kinds.append(kind)
+    assert kinds == [3, 4, 4, 5, 6, 7, 7, 8]
+
+
+def test_the_library_reads_and_writes_the_golden_messages() -> None:
+    for run in read_golden("messages", "v2"):
+        for raw, _ in run:
+            assert envelope.encode(envelope.decode(raw, robot="r7")) == raw
+
+
+def test_the_library_takes_the_golden_records_and_the_golden_snapshot() -> None:
+    records, chunks, _ = read_golden("messages", "v2")
+    life = Chain(SEED, revisions=300).life
+    one, other = Replica(Stream("r7", life)), Replica(Stream("r7", life))
+    for raw, told in records:
+        message = envelope.decode(raw, robot="r7")
+        assert isinstance(message, Record)
+        one.offer(message, raw, Limits(), by_author=True)
+        assert f"{one.stream.seq} {one.stream.link:016x} {one.stream.digest:016x}" == told
+    for raw, _ in chunks:
+        message = envelope.decode(raw, robot="r7")
+        assert isinstance(message, SnapshotChunk)
+        other.offer_chunk(message, Limits(), by_author=False)
+    assert other.stream.revision == one.stream.revision
+    assert other.stream.facts == one.stream.facts
+
+
+def test_the_golden_messages_are_what_an_author_says_today() -> None:
+    records, _, others = read_golden("messages", "v2")
+    assert [(raw, f"{s.seq} {s.link:016x} {s.digest:016x}") for raw, s in golden.revisions()] == records
+    assert [envelope.encode(message) for message, _ in golden.OTHERS] == [raw for raw, _ in others]
+
+
+@given(st.lists(st.tuples(_NAMES, *[st.integers(0, 2**64 - 1)] * 3), max_size=3, unique_by=lambda row: row[:2]))
+def test_the_page_and_the_library_hash_the_same_over_all_that_is_held(rows: list[tuple[str, int, int, int]]) -> None:
+    author = Author("me", Chain(SEED, revisions=4))
+    holdings = Holdings(author)
+    for robot, life, seq, _ in rows:
+        holdings.replicas[robot, life] = Replica(Stream(robot, life, seq + 1, Facts({b"x": b""}), {}, 1))
+    held = [(s.robot, s.life, s.seq, s.digest) for s in holdings.streams()]
+    assert len(held) == len(rows) + 1
+    assert format_reader.held_hash(held) == holdings.held_hash()
+
+
+def test_the_page_and_the_library_count_links_the_same() -> None:
+    chain = Chain(SEED, revisions=300)
+    for seq in (1, 2, 44, 45, 256, 300):
+        assert format_reader.link_before(chain.link(seq), seq) == chain.link(seq - 1)
+        assert before(chain.link(seq), seq, seq) == chain.life == chain.link(0)
+    with pytest.raises(ValueError, match="300 revisions"):
+        chain.link(301)
