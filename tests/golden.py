@@ -176,7 +176,7 @@ def revisions() -> Iterator[tuple[bytes, Stream]]:
 
 def messages() -> Iterator[str]:
     """The lines of v2/messages.hex."""
-    yield "# Messages. First the records of robot r7 in one life, each with seq, link and the digest of the stream then;"
+    yield "# Messages. First the records of robot r7 in one life, each with seq, link and the digest of the stream;"
     yield "# then a snapshot of the last of these, with the same; then those of each other kind, with their fields."
     yield ""
     for record, stream in revisions():
