@@ -142,14 +142,14 @@ async def test_a_robot_that_does_not_say_or_says_nonsense_is_shown_without_figur
         config.insert_json5(key, as_json5(value))
     session = await asyncio.to_thread(zenoh.open, config)
     try:
-        mute = session.liveliness().declare_token("fleetmap/watched/mute/alive/1/x")
-        session.liveliness().declare_token("fleetmap/watched/liar/alive/1/x")
+        mute = session.liveliness().declare_token("fleetmap/watched/mute/alive/0000000000000001")
+        session.liveliness().declare_token("fleetmap/watched/liar/alive/0000000000000002")
 
         def lie(query: zenoh.Query) -> None:
             with query:
-                query.reply("fleetmap/watched/liar/stats", b"\xff" * 100)
+                query.reply("fleetmap/watched/liar/stats/0000000000000002", b"\xff" * 100)
 
-        session.declare_queryable("fleetmap/watched/liar/stats", lie)
+        session.declare_queryable("fleetmap/watched/liar/stats/0000000000000002", lie)
         async with (
             Watcher("watched", profile="local", connect=[endpoint]) as watcher,
             asyncio.timeout(20 * timeout_factor),
