@@ -14,7 +14,6 @@ import msgpack
 import numpy as np
 
 from fleetmap.codecs.context_grid import MAX_CELLS, decode_states, encode_states, read_size
-from fleetmap.codecs.envelope import VERSION
 from fleetmap.codecs.files import MAX_FILE_BYTES, read_behind, write_whole
 from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
 from fleetmap.model.graded import warn_of_lost_values
@@ -23,6 +22,7 @@ from fleetmap.model.lattice import UNKNOWN
 from fleetmap.model.pose import Pose2
 
 MAGIC = b"FGRD"
+VERSION = 1
 
 Draw = Callable[[OccupancyGrid], OccupancyGrid]
 """Draws a vector map upon the cells of a grid: ``lambda like: rasterize(vector_map, like=like)``."""
