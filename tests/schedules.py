@@ -19,7 +19,7 @@ from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.memory_link import FakeClock, MemoryHub, MemoryLink, arrives
 
-TICK_S = 0.1
+TICK_S = 0.2
 CORNERS = np.array([(0, 0), (0, 5), (5, 5), (5, 0), (0, 0)])
 LATTICE = Lattice(50_000)
 ROW = 1000
@@ -47,7 +47,12 @@ def numbers_of(stream: Stream) -> frozenset[int]:
 
 
 class Robot:
-    """One process of a robot: it ticks by itself until it is killed. ``seen`` is what it has ever merged of each robot."""
+    """One process of a robot: it ticks by itself until it is killed.
+
+    Attributes
+    ----------
+    seen : what it has ever merged of each robot
+    """
 
     def __init__(self, fleet: Fleet, name: str, **options: object) -> None:
         self.fleet, self.name = fleet, name
@@ -139,7 +144,6 @@ class Fleet:
 
     Attributes
     ----------
-
     said : what honest authors have said: (robot, life) -> seq -> digest
     faults : laws that were broken, in words
     """

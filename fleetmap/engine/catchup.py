@@ -88,7 +88,9 @@ class Catchup:
 
     def listed(self, peer: Key, streams: Collection[Key]) -> None:
         """A peer says anew which streams it holds: what came of asking it for others is forgotten."""
-        self._pairs = {a: p for a, p in self._pairs.items() if a.peer != peer or a.stream is None or a.stream in streams}
+        self._pairs = {
+            a: p for a, p in self._pairs.items() if a.peer != peer or a.stream is None or a.stream in streams
+        }
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
@@ -130,10 +132,14 @@ class Catchup:
         if now_s < self._look_s:
             return []
         busy: dict[Key, int] = {}
-        asked = set()
+        asked: set[Key] = set()
+        listing: set[Key] = set()
         for question in self._under_way.values():
             busy[question.about.peer] = busy.get(question.about.peer, 0) + 1
-            asked.add(question.about.stream or question.about.peer)
+            if question.about.stream is None:
+                listing.add(question.about.peer)
+            else:
+                asked.add(question.about.stream)
         found: list[About] = []
 
         def take(about: About) -> bool:
@@ -147,7 +153,7 @@ class Catchup:
             about = About(peer, None)
             if self._again_s(about) > now_s:
                 self._lists_due_s[peer] = self._again_s(about)
-            elif peer not in asked and take(about):
+            elif peer not in listing and take(about):
                 del self._lists_due_s[peer]
         for stream in _ready(self._due_s, now_s):
             if stream in asked:
