@@ -18,7 +18,7 @@ from typing import Self
 
 import zenoh
 
-TOKEN = "alive/1/0123abcd"
+TOKEN = "alive/0123456789abcdef"
 SAID = ("delta", "digest", "pose", "goal")
 ANSWERED = ("snapshot", "revisions", "mirror/r1", "stats")
 """What there is under fleetmap/<fleet>/<robot>/: the token of who lives, samples, and answers to questions."""
@@ -204,8 +204,11 @@ class Fleet:
     ) -> None:
         self.close()
 
-    def start(self, robot: str) -> None:
-        """Start a robot, or start it again after ``kill``; it does what it is asked once it has joined."""
+    def start(self, robot: str, **further: object) -> None:
+        """Start a robot, or start it again after ``kill``; it does what it is asked once it has joined.
+
+        ``further`` options of ``fleetmap.join``, or another ``row`` for its rooms.
+        """
         place = self.robots.index(robot)
         options = {
             "fleet": self.fleet,
@@ -215,6 +218,7 @@ class Fleet:
             "count": self._rooms,
             "row": place,
             **self._options,
+            **further,
         }
         self._processes[robot] = subprocess.Popen(
             [sys.executable, str(HONEST_PEER), robot, json.dumps(options)],
@@ -222,6 +226,10 @@ class Fleet:
             stdout=subprocess.PIPE,
         )
         self._unread[robot] = b""
+
+    def ready(self, robot: str) -> None:
+        """Wait until a robot that was started has joined."""
+        self._read(robot, 0, self._timeout_s)
 
     def kill(self, robot: str) -> None:
         """End a robot without a word."""

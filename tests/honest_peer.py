@@ -67,6 +67,13 @@ class HonestPeer:
     async def maps(self) -> dict[str, object]:
         return {"maps": {robot: f"{maps['0'].digest:016x}" for robot, maps in self.peer.maps.items() if "0" in maps}}
 
+    async def kept(self) -> dict[str, object]:
+        """By robot, the digests of the maps of all its lives that are merged here."""
+        found: dict[str, list[str]] = {}
+        for stream in self.peer._engine._merged_streams():
+            found.setdefault(stream.robot, []).extend(f"{m.digest:016x}" for m in stream.submaps.values())
+        return {"kept": found}
+
     async def alive(self) -> dict[str, object]:
         return {"alive": [known.robot for known in self.peer.peers if known.alive]}
 

@@ -382,8 +382,8 @@ class Engine:
             self._moved(step)
         match outcome:
             case Outcome.APPLIED:
-                if robot not in self.neighbours.robots() and not by_author and known:
-                    self._outputs.append(Detour(robot))
+                if not by_author and robot not in self.neighbours.robots():
+                    self._note_detour(replica)
                 if not self._behind(key):
                     self._catchup.settled(key)
             case Outcome.EARLY:
@@ -396,6 +396,18 @@ class Engine:
             case Outcome.DUPLICATE:
                 raise WireError(robot=robot, size_bytes=len(raw), reason="duplicate")
         return outcome
+
+    def _note_detour(self, replica: Replica) -> None:
+        """The stream of a robot that seems absent came through a mirror: does anybody hear that robot now?
+
+        If the others hold more than they did when its stream last came. What they held then was perhaps its last word,
+        and may come in many parts.
+        """
+        claims = self.neighbours.holders(replica.key).values()
+        last = max((revision.seq for revision in claims), default=replica.stream.seq)
+        if replica.last_claimed and last > replica.last_claimed:
+            self._outputs.append(Detour(replica.stream.robot))
+        replica.last_claimed = last
 
     def _moved(self, step: Step) -> None:
         """A replica has taken a step."""

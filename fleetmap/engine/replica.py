@@ -39,6 +39,7 @@ class Replica:
     ----------
     heard : the author itself has said this revision
     forked : the author has said two things under this seq; its next word decides
+    last_claimed : the latest seq that the others held when it last came through a mirror
     kept : it counts: it is listed, hashed, mirrored and merged. One that is superseded doesn't, and goes on if its
         author does
     """
@@ -46,6 +47,7 @@ class Replica:
     stream: Stream
     heard: bool = False
     forked: bool = False
+    last_claimed: int = 0
     kept: bool = True
     log: RecordLog = field(default_factory=RecordLog)
     steps: list[Step] = field(default_factory=list)
