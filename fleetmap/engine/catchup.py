@@ -77,6 +77,11 @@ class Catchup:
         self._lists_due_s[peer] = min(due_s, self._lists_due_s.get(peer, due_s))
         self._look_s = min(self._look_s, due_s)
 
+    @property
+    def lists_waiting(self) -> int:
+        """Questions for lists that are planned or under way."""
+        return len(self._lists_due_s) + sum(q.about.stream is None for q in self._under_way.values())
+
     def peer_gone(self, peer: Key) -> None:
         """Nothing can be had from it any more."""
         self._lists_due_s.pop(peer, None)

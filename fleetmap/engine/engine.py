@@ -56,6 +56,8 @@ from fleetmap.model.vectormap import VectorMap
 
 CONTEST_S = 1.0
 """At least so long between two words that are said only because somebody spoke in this robot's name."""
+STAGGER_S, LONGEST_STAGGER_S = 0.3, 1.2
+"""Between the questions for lists that several tokens at once lead to."""
 RELIST_S = 1.0
 """After so long a list is asked for anew that promised what its sender then didn't have."""
 WORK_BPS, WORK_BURST_BYTES, WORKERS = 256 << 10, 8 << 20, 2048
@@ -325,22 +327,28 @@ class Engine:
         match kind, message:
             case "delta", Record():
                 self._on_words(key, message, payload, now_s, speaker=key)
-            case "digest", Heartbeat(seq, held):
+            case "digest", Heartbeat():
                 if neighbour is not None:
-                    own_hash = self.holdings.held_hash()
-                    if held == own_hash:
-                        # It holds what is held here, whatever its last list said.
-                        neighbour.claims, neighbour.listed = self._own_claims(own_hash), True
-                    self._claims(neighbour, key, Revision(key[1], seq, 0), now_s + GRACE_S, now_s)
-                    if neighbour.differs(held, own_hash, now_s):
-                        neighbour.listed = False
-                        self._catchup.want_list(key, now_s)
+                    self._on_heartbeat(neighbour, message, now_s)
             case ("pose", PoseMessage() as said) | ("goal", GoalMessage() as said):
                 self.teammates.hear(key, said, now_s)
             case _:
                 raise WireError(robot=robot, size_bytes=len(payload), reason="wrong key")
         if neighbour is not None:
             self._spoke(neighbour)
+
+    def _on_heartbeat(self, neighbour: Neighbour, message: Heartbeat, now_s: float, *, asked: bool = False) -> None:
+        key, own_hash = neighbour.key, self.holdings.held_hash()
+        if message.held == own_hash:
+            # It holds what is held here, whatever its last list said.
+            neighbour.claims, neighbour.listed = self._own_claims(own_hash), True
+        self._claims(neighbour, key, Revision(key[1], message.seq, 0), now_s + GRACE_S, now_s)
+        if asked and message.held != own_hash:
+            # It answered that it holds the same; meanwhile something was said.
+            self._catchup.want_list(key, now_s + GRACE_S)
+        elif not asked and neighbour.differs(message.held, own_hash, now_s):
+            neighbour.listed = False
+            self._catchup.want_list(key, now_s)
 
     def _on_own_word(self, message: object, payload: bytes) -> None:
         """Somebody speaks in this life's name: a stranger, or a copy of this process' memory or disk."""
@@ -398,7 +406,7 @@ class Engine:
         return outcome
 
     def _note_detour(self, replica: Replica) -> None:
-        """The stream of a robot that seems absent came through a mirror: does anybody hear that robot now?
+        """The stream of a robot that seems absent came through a mirror: see whether anybody hears that robot now.
 
         If the others hold more than they did when its stream last came. What they held then was perhaps its last word,
         and may come in many parts.
@@ -462,6 +470,10 @@ class Engine:
             self._catchup.helped(ask_id, now_s)
             self._spoke(neighbour)
             self._on_list(neighbour, message, now_s)
+        elif about.stream is None and isinstance(message, Heartbeat) and neighbour is not None:
+            self._catchup.helped(ask_id, now_s)
+            self._spoke(neighbour)
+            self._on_heartbeat(neighbour, message, now_s, asked=True)
         elif about.stream is not None and isinstance(message, Record | SnapshotChunk):
             if about.stream == self.own.key:
                 self._on_own_proof(message)
@@ -508,7 +520,8 @@ class Engine:
         if neighbour is None:
             self.ledger.dropped(robot, "alive", 0, reason="too_many_peers")
             return
-        self._catchup.want_list(key, now_s)
+        # One after the other: when the first has been listened to, most of the others hold the same.
+        self._catchup.want_list(key, now_s + min(STAGGER_S * self._catchup.lists_waiting, LONGEST_STAGGER_S))
         self._settle(robot)
 
     def _on_gone(self, key: Key) -> None:
@@ -607,7 +620,8 @@ class Engine:
         for about in self._catchup.due(now_s, self._holders):
             robot, life = about.peer
             if about.stream is None:
-                kind, payload = "revisions", b""
+                # Who holds the same says so, and no list.
+                kind, payload = "revisions", envelope.encode(Heartbeat(self.own.seq, self.holdings.held_hash()))
             else:
                 kind = "snapshot" if about.peer == about.stream else "mirror"
                 if about.stream == self.own.key:
@@ -640,6 +654,10 @@ class Engine:
 
     def _answer(self, kind: str, payload: bytes) -> list[bytes]:
         if kind == "revisions":
+            asked = envelope.decode(payload, robot="?") if payload else None
+            own_hash = self.holdings.held_hash()
+            if isinstance(asked, Heartbeat) and asked.held == own_hash:
+                return [envelope.encode(Heartbeat(self.own.seq, own_hash))]
             return [envelope.encode(RevisionList(tuple((s.robot, s.revision) for s in self.holdings.streams())))]
         want = envelope.decode(payload, robot="?")
         if not isinstance(want, Want):
