@@ -34,9 +34,8 @@ import numpy as np
 from carmen import replay
 from scipy import ndimage
 
-from fleetmap.accounting import Ledger
 from fleetmap.codecs.baselines import exact_changed_rectangle, gzip_changed_rectangle, gzip_grid
-from fleetmap.engine import Engine, Put
+from fleetmap.engine import Alive, Chain, Engine, Message, Put
 from fleetmap.model.errors import MapWarning
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, UNKNOWN
@@ -102,9 +101,8 @@ def explore(kind: str, size_m: float, steps: int) -> Iterator[OccupancyGrid]:
 def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
     """One run: what each way of sending would have taken."""
     vectorizer = Vectorizer()
-    author = Engine("r0", start=FixedPose(), ledger=Ledger())
-    listener = Engine("r1", start=FixedPose(), ledger=Ledger())
-    listener.on_alive("r0", 1, "0", now_s=0.0)
+    author, listener = (Engine(robot, chain=Chain(robot.encode()), start=FixedPose()) for robot in ("r0", "r1"))
+    listener.receive(Alive(*author.own.key), now_s=0.0)
     deltas: list[int] = []
     sums = {"full": 0, "updates": 0, "differences": 0}
     old = None
@@ -113,8 +111,8 @@ def follow(name: str, grids: Iterator[OccupancyGrid]) -> dict[str, Any]:
     def carry() -> int:
         size = 0
         for output in author.take_outputs():
-            if isinstance(output, Put) and output.suffix == "delta":
-                listener.on_message("r0", "delta", output.payload, now_s=0.0)
+            if isinstance(output, Put) and output.kind == "delta":
+                listener.receive(Message("r0", output.life, "delta", output.payload), now_s=0.0)
                 size += len(output.payload)
         return size
 
