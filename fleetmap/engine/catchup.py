@@ -13,10 +13,11 @@ GRACE_S = 0.15
 REPLY_TIMEOUT_S, FIRST_REPLY_TIMEOUT_S = 4.0, 1.5
 """How long an answer may take; and that of somebody who has never answered. A later one is still of use."""
 MAX_LATE = 256
-FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
+FIRST_RETRY_S, FIRST_LIST_RETRY_S, LONGEST_RETRY_S = 0.2, 0.5, 10.0
 MAX_UNDER_WAY = 32
+MAX_LISTS_UNDER_WAY = 16
 MAX_UNDER_WAY_EACH = 4
-"""Questions under way at once, to all and to one: who doesn't answer keeps nobody else waiting."""
+"""Questions under way at once: to all, of lists, and to one: who doesn't answer keeps nobody else waiting."""
 MAX_REPLIES = 1024
 """Replies to one question, a snapshot's chunks and the records behind them."""
 FAILED = 3
@@ -57,7 +58,8 @@ class Catchup:
 
     _due_s: dict[Key, float] = field(default_factory=dict)
     _lists_due_s: dict[Key, float] = field(default_factory=dict)
-    _pairs: dict[About, _Pair] = field(default_factory=dict)
+    _pairs: dict[Key, dict[Key | None, _Pair]] = field(default_factory=dict)
+    """By peer, by what it was asked about."""
     _under_way: dict[int, _Question] = field(default_factory=dict)
     _late: dict[int, About] = field(default_factory=dict)
     _parked: dict[Key, Key] = field(default_factory=dict)
@@ -85,7 +87,7 @@ class Catchup:
     def peer_gone(self, peer: Key) -> None:
         """Nothing can be had from it any more."""
         self._lists_due_s.pop(peer, None)
-        self._pairs = {about: pair for about, pair in self._pairs.items() if about.peer != peer}
+        self._pairs.pop(peer, None)
         self._under_way = {i: q for i, q in self._under_way.items() if q.about.peer != peer}
         self._late = {i: about for i, about in self._late.items() if about.peer != peer}
         for stream in [stream for stream, at in self._parked.items() if at == peer]:
@@ -93,14 +95,14 @@ class Catchup:
 
     def listed(self, peer: Key, streams: Collection[Key]) -> None:
         """A peer says anew which streams it holds: what came of asking it for others is forgotten."""
-        self._pairs = {
-            a: p for a, p in self._pairs.items() if a.peer != peer or a.stream is None or a.stream in streams
-        }
+        pairs = self._pairs.get(peer, {})
+        self._pairs[peer] = {stream: pair for stream, pair in pairs.items() if stream is None or stream in streams}
 
     def stream_gone(self, stream: Key) -> None:
         """The stream is not wanted any more."""
         self.settled(stream)
-        self._pairs = {about: pair for about, pair in self._pairs.items() if about.stream != stream}
+        for pairs in self._pairs.values():
+            pairs.pop(stream, None)
 
     def settled(self, stream: Key) -> None:
         """Nothing of a stream is missing."""
@@ -109,7 +111,7 @@ class Catchup:
 
     def renewed(self, about: About, now_s: float) -> None:
         """A peer says something else of a stream than before: what came of asking no longer counts."""
-        pair = self._pairs.get(about)
+        pair = self._pair(about)
         if pair is not None:
             # Not at once: who says something else all the time would be asked all the time.
             pair.failures, pair.again_s = 0, min(pair.again_s, now_s + FIRST_RETRY_S)
@@ -117,7 +119,7 @@ class Catchup:
 
     def in_vain(self, about: About) -> bool:
         """Whether what a peer claims is not to be waited for."""
-        pair = self._pairs.get(about)
+        pair = self._pair(about)
         return pair is not None and pair.failures >= FAILED
 
     def expired(self, now_s: float) -> list[About]:
@@ -155,10 +157,13 @@ class Catchup:
             return True
 
         for peer in _ready(self._lists_due_s, now_s):
+            if len(listing) >= MAX_LISTS_UNDER_WAY:
+                break
             about = About(peer, None)
             if self._again_s(about) > now_s:
                 self._lists_due_s[peer] = self._again_s(about)
             elif peer not in listing and take(about):
+                listing.add(peer)
                 del self._lists_due_s[peer]
         for stream in _ready(self._due_s, now_s):
             if stream in asked:
@@ -188,7 +193,7 @@ class Catchup:
     def sent(self, about: About, now_s: float, *, timeout_s: float = REPLY_TIMEOUT_S) -> int:
         """A question goes out: its id."""
         self._next_id += 1
-        self._pairs.setdefault(about, _Pair()).asked = self._next_id
+        self._pairs.setdefault(about.peer, {}).setdefault(about.stream, _Pair()).asked = self._next_id
         self._under_way[self._next_id] = _Question(about, now_s + timeout_s)
         return self._next_id
 
@@ -205,7 +210,7 @@ class Catchup:
             if question.helped < MAX_REPLIES:
                 question.deadline_s = now_s + REPLY_TIMEOUT_S
         about = self.about(ask_id)
-        pair = None if about is None else self._pairs.get(about)
+        pair = None if about is None else self._pair(about)
         if pair is not None:
             pair.failures, pair.again_s = 0, 0.0
 
@@ -220,18 +225,24 @@ class Catchup:
                 self.want(parked, now_s)
         if question is None or question.helped:
             return None
-        pair = self._pairs.setdefault(question.about, _Pair())
-        pair.again_s = now_s + min(FIRST_RETRY_S * 2**pair.failures, LONGEST_RETRY_S)
+        pair = self._pair(question.about)
+        if pair is None:  # the peer is gone, or lists the stream no more
+            return question.about
+        first_s = FIRST_RETRY_S if question.about.stream is not None else FIRST_LIST_RETRY_S
+        pair.again_s = now_s + min(first_s * 2**pair.failures, LONGEST_RETRY_S)
         pair.failures = min(pair.failures + 1, 16)
         return question.about
 
+    def _pair(self, about: About) -> _Pair | None:
+        return self._pairs.get(about.peer, {}).get(about.stream)
+
     def _again_s(self, about: About) -> float:
-        pair = self._pairs.get(about)
+        pair = self._pair(about)
         return 0.0 if pair is None else pair.again_s
 
     def _turn(self, about: About) -> tuple[bool, int]:
         """When a peer is asked about a stream: its author first, unless that was in vain; who was asked last, last."""
-        pair = self._pairs.get(about)
+        pair = self._pair(about)
         if pair is None:
             return about.peer != about.stream, 0
         return about.peer != about.stream or pair.failures > 0, pair.asked

@@ -110,6 +110,7 @@ class MemoryHub:
         """Part two robots: nothing passes, and each sees the other's token vanish."""
         self._cuts.add(frozenset((a, b)))
         for one, other in ((a, b), (b, a)):
+            self._busy_until_s.pop((one, other), None)
             for link in self._named(one):
                 for token in self._tokens(other):
                     link.see(token, alive=False)
