@@ -147,7 +147,7 @@ def work_sync(peer):
     else:
         arrive()
         while True:
-            time.sleep(60)
+            time.sleep(0.2)  # an interrupt just before a sleep is noticed after it
 
 
 def until_closed(peer):

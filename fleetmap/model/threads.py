@@ -16,6 +16,17 @@ from typing import TypeVar
 
 R = TypeVar("R")
 
+_at_exit = threading.Event()
+
+
+class ProcessEnds(RuntimeError):
+    """The main thread has ended, and Python starts no other one any more (at ``atexit``, from Python 3.12 on)."""
+
+
+def fall_silent() -> None:
+    """Tell nobody of any outcome any more: the process ends, and an error that this causes is nobody's."""
+    _at_exit.set()
+
 
 class Worker:
     """A daemon thread that makes calls, one after the other.
@@ -23,13 +34,23 @@ class Worker:
     Parameters
     ----------
     name : of the thread
+
+    Raises
+    ------
+    ProcessEnds : it is too late for a thread
     """
 
     def __init__(self, name: str) -> None:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._stopped = False
         # The thread holds the queue alone, so that a worker that is forgotten doesn't live on through it.
-        threading.Thread(target=_make_calls, args=(self._calls,), name=name, daemon=True).start()
+        thread = threading.Thread(target=_make_calls, args=(self._calls,), name=name, daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as error:
+            if threading.main_thread().is_alive():
+                raise
+            raise ProcessEnds(str(error)) from None
 
     async def run(self, call: Callable[[], R]) -> R:
         """The result of a call. If the caller gives up before it began, it isn't made; else it goes on.
@@ -59,7 +80,8 @@ class Worker:
                 outcome = lambda found=error: future.set_exception(found)  # type: ignore[misc]  # noqa: E731
             # A loop that is closed has nobody who waits.
             with suppress(RuntimeError):
-                loop.call_soon_threadsafe(settle, outcome)
+                if not _at_exit.is_set():
+                    loop.call_soon_threadsafe(settle, outcome)
 
         self._calls.put(make)
         return await future
@@ -76,6 +98,8 @@ class Worker:
 
 async def in_thread(call: Callable[[], R]) -> R:
     """The result of a call, made in a thread of its own; if the caller gives up, it goes on."""
+    if _at_exit.is_set():
+        await asyncio.get_running_loop().create_future()  # for ever
     worker = Worker("fleetmap-call")
     try:
         return await worker.run(call)

@@ -16,7 +16,7 @@ import time
 from typing import Protocol
 
 from fleetmap.model.errors import LinkError
-from fleetmap.model.threads import Worker
+from fleetmap.model.threads import Worker, fall_silent
 
 CLOSE_S = 1.0
 """So long the end of the process waits for all sessions together. Closing one takes a millisecond, opening 0.1 s."""
@@ -81,6 +81,7 @@ def _close_all() -> None:
     closer = _State.closer
     if closer is None or _State.zenoh_pid != os.getpid():
         return
+    fall_silent()
     # The program has ended: a further Ctrl-C can't end it any more, it could only cut this short.
     in_main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None

@@ -45,7 +45,7 @@ from fleetmap.model.kernel_cache import AGENT, modules_of
 from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
-from fleetmap.model.threads import Worker
+from fleetmap.model.threads import ProcessEnds, Worker
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.figures import own_figures
@@ -559,6 +559,8 @@ class Peer:
                     task.cancel()
                 await self._leave()
             raise
+        except ProcessEnds:
+            return
         except Exception as error:
             logger.exception("%s: internal error", self.robot)
             await self._fail(LinkError(endpoint=self.fleet, reason=f"internal error: {error!r}"))

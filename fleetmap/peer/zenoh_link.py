@@ -8,13 +8,14 @@ threads are daemons, too, and sessions are always closed: see ``endings``.
 from __future__ import annotations
 
 import asyncio
+import functools
 import logging
 import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 import zenoh
 from zenoh import ext
@@ -45,6 +46,24 @@ PLAIN_KINDS = ("digest", "pose", "goal")
 ASKED_KINDS = ("snapshot", "mirror", "revisions", "stats")
 MAX_SEEN = 4096
 """Tokens that are remembered, to say that they vanished when the session is opened anew."""
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _entering_zenoh(method: Callable[Concatenate[ZenohLink, P], R]) -> Callable[Concatenate[ZenohLink, P], R]:
+    """Let one thread in at a time, so that who closes the session knows that no other one is inside, or comes.
+
+    A thread that comes back from Zenoh's code while Python is taken down ends the process with 134.
+    """
+
+    @functools.wraps(method)
+    def enter(link: ZenohLink, /, *args: P.args, **kwargs: P.kwargs) -> R:
+        with link._entering:
+            return method(link, *args, **kwargs)
+
+    return enter
 
 
 class ZenohLink:
@@ -82,7 +101,7 @@ class ZenohLink:
         self._seen: set[Token] = set()
         self._receiver: Receiver | None = None
         self._closed = threading.Event()
-        self._opening, self._dropping = threading.Lock(), threading.Lock()
+        self._opening, self._entering = threading.Lock(), threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def open(self, receiver: Receiver) -> list[Token]:
@@ -101,6 +120,7 @@ class ZenohLink:
         """Show the own token, and be asked and publish under this life, instead of the one before."""
         await in_thread(partial(self._show, life))
 
+    @_entering_zenoh
     def put(self, life: int, kind: str, payload: bytes) -> None:
         """Publish under the own key; dropped when a peer's queue is full."""
         session, shown = self._session, self._shown
@@ -119,6 +139,7 @@ class ZenohLink:
         except zenoh.ZError as error:
             log.debug("%s: put %s: %s", self._robot, kind, error)
 
+    @_entering_zenoh
     def ask(
         self,
         peer: Token,
@@ -183,14 +204,14 @@ class ZenohLink:
             endings.close_soon(self)
         return self._closed.is_set()
 
+    @_entering_zenoh
     def _drop_session(self) -> None:
-        with self._dropping:  # whoever finds no session any more waits until the other has closed it
-            session, self._session, self._shown = self._session, None, None
-            try:
-                if session is not None:
-                    session.close()  # type: ignore[no-untyped-call]
-            except zenoh.ZError as error:
-                log.debug("%s: close: %s", self._robot, error)
+        session, self._session, self._shown = self._session, None, None
+        try:
+            if session is not None:
+                session.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:
+            log.debug("%s: close: %s", self._robot, error)
 
     def _reopen(self, receiver: Receiver) -> None:
         self._drop_session()
@@ -263,6 +284,7 @@ class ZenohLink:
         ]
         return self._living(session)
 
+    @_entering_zenoh
     def _show(self, life: int) -> None:
         session, receiver, before, self._life = self._session, self._receiver, self._shown, life
         if session is None or receiver is None:
@@ -274,7 +296,7 @@ class ZenohLink:
             # A question to all has a * in places; the answer stands under the own key.
             own = self._key(self._robot, kind, life)
             if not self._is_over():
-                receiver.deliver(Query(kind, payload, lambda replies: _reply(asked, own, replies)))
+                receiver.deliver(Query(kind, payload, lambda replies: self._reply(asked, own, replies)))
 
         delta = ext.declare_advanced_publisher(
             session,
@@ -323,6 +345,18 @@ class ZenohLink:
         tokens = [parse_token(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
         return [token for token in tokens if token is not None]
 
+    @_entering_zenoh
+    def _reply(self, asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:
+        if self._closed.is_set():
+            return
+        try:
+            for payload in replies:
+                asked.reply(key, payload)
+        except zenoh.ZError as error:
+            log.debug("reply to %s: %s", key, error)
+        finally:
+            asked.drop()  # type: ignore[no-untyped-call]
+
 
 @dataclass(frozen=True, slots=True)
 class Shown:
@@ -359,13 +393,3 @@ def parse_token(key: str) -> Token | None:
     """The peer behind a liveliness key; None if it is none of ours."""
     parsed = parse_key(key)
     return (parsed[0], parsed[2]) if parsed is not None and parsed[1] == "alive" else None
-
-
-def _reply(asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:
-    try:
-        for payload in replies:
-            asked.reply(key, payload)
-    except zenoh.ZError as error:
-        log.debug("reply to %s: %s", key, error)
-    finally:
-        asked.drop()  # type: ignore[no-untyped-call]
