@@ -7,7 +7,8 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from schedules import TICK_S, Fleet, Robot, link_later, lossy, numbers_of, squares
+from exchange import TICK_S
+from schedules import Fleet, Robot, link_later, lossy, numbers_of, squares
 
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import forget
@@ -28,13 +29,13 @@ class Twins:
         self.twins = [Engine(name, chain=Chain(seed, revisions=fleet.revisions), start=FixedPose()) for _ in range(2)]
         self.numbers: list[set[int]] = [set(), set()]
         self.link = fleet.hub.link(name)
-        self.lives = True
+        self.open = True
         self.link.connect(self)
         self.link.display(self.twins[0].own.life)
         self._tick()
 
     def deliver(self, item: Input) -> None:
-        if not self.lives:
+        if not self.open:
             return
         if isinstance(item, Query):
             twin = int(self.rng.integers(2))
@@ -44,11 +45,11 @@ class Twins:
                     output.reply(output.payloads)
 
     def leave(self) -> None:
-        self.lives = False
+        self.open = False
         self.link.vanish()
 
     def _tick(self) -> None:
-        if not self.lives:
+        if not self.open:
             return
         for i, twin in enumerate(self.twins):
             if self.rng.random() < 0.1:
@@ -83,12 +84,12 @@ class Liar(Robot):
         super().__init__(fleet, name)
         self._crowds = crowds
 
-    def _note(self) -> None:
-        super()._note()
+    def carry_out(self) -> None:
+        super().carry_out()
         self.fleet.said.pop(self.engine.own.key, None)
 
     def deliver(self, item: Input) -> None:
-        if self.lives and isinstance(item, Query) and self.rng.random() < 0.8:
+        if self.open and isinstance(item, Query) and self.rng.random() < 0.8:
             item.reply(self._lie(item.kind, item.payload))
         else:
             super().deliver(item)
@@ -139,11 +140,11 @@ class Liar(Robot):
                 return Revision(revision.life, max(1, revision.seq - 1), revision.digest)
         return revision
 
-    def _tick(self) -> None:
-        if self.lives:
+    def tick(self) -> None:
+        if self.open:
             if self.rng.random() < 0.5 and hasattr(self, "_crowds"):
                 self._speak()
-            super()._tick()
+            super().tick()
 
     def _speak(self) -> None:
         honest = self._honest()
@@ -207,7 +208,7 @@ def crowded_out(fleet: Fleet, key: tuple[str, int]) -> bool:
 def check_authors(fleet: Fleet, heard: dict[tuple[Robot, tuple[str, int]], int], ended: set[tuple[str, int]]) -> None:
     """What an honest robot holds of an honest author is what that has said, and never goes back or is dropped."""
     for robot in fleet.robots.values():
-        if not robot.lives or isinstance(robot, Liar):
+        if not robot.open or isinstance(robot, Liar):
             continue
         kept = robot.holds()
         for key, replica in robot.engine.holdings.replicas.items():
@@ -235,7 +236,7 @@ def run_liars(seed: int) -> list[str]:
     fleet = Fleet(rng, lossy(rng, float(rng.choice([0.0, 0.05])), float(rng.choice([0.0, 0.1]))))
     names = [f"h{i}" for i in range(rng.integers(2, 5))]
     for name in names:
-        fleet.start(name).publish(int(rng.integers(1, 100)))
+        fleet.start(name).grow(int(rng.integers(1, 100)))
     twins = Twins(fleet, "bad")
     liar = fleet.robots["liar"] = Liar(fleet, "liar", crowds=int(rng.choice([0, 2, 4])))
     heard: dict[tuple[Robot, tuple[str, int]], int] = {}
@@ -245,7 +246,7 @@ def run_liars(seed: int) -> list[str]:
         check_authors(fleet, heard, ended)
 
     def honest() -> list[Robot]:
-        return [robot for robot in fleet.robots.values() if robot.lives and robot is not liar]
+        return [robot for robot in fleet.robots.values() if robot.open and robot is not liar]
 
     def may(work: Callable[[], object]) -> None:
         with contextlib.suppress(ConfigError):  # nothing of that robot is held
@@ -264,13 +265,13 @@ def run_liars(seed: int) -> list[str]:
                 fleet.clock.call_later(float(rng.uniform(0.5, 10)), partial(fleet.hub.heal, robot.name, other))
             case 2:
                 other, everywhere = str(rng.choice([*names, "bad", "liar"])), bool(rng.random() < 0.5)
-                may(partial(robot.do, partial(robot.engine.forget, other, everywhere=everywhere)))
+                may(partial(robot.forget, other, everywhere=everywhere))
                 if other == robot.name:
                     ended |= {key for key in fleet.said if key[0] == other and key != robot.engine.own.key}
             case _:
                 for each in honest():
                     if rng.random() < 0.6:
-                        each.publish(int(rng.integers(1, 60)))
+                        each.grow(int(rng.integers(1, 60)))
         fleet.run(float(rng.choice([0.1, 0.5, 2.0])), look=look)
 
     def unequal() -> set[str]:

@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 import numpy as np
+from exchange import Node
 
-from fleetmap.engine import Answer, Ask, Chain, Engine, Input, LifeChanged, LookAgain, Put, Reply, ReplyEnd, Stream
-from fleetmap.engine.inputs import Alive
+from fleetmap.engine import Stream
 from fleetmap.model.lattice import Lattice
-from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
-from fleetmap.peer.memory_link import FakeClock, MemoryHub, MemoryLink, arrives
+from fleetmap.peer.memory_link import FakeClock, MemoryHub, arrives
 
-TICK_S = 0.2
 CORNERS = np.array([(0, 0), (0, 5), (5, 5), (5, 0), (0, 0)])
 LATTICE = Lattice(50_000)
 ROW = 1000
@@ -46,7 +44,7 @@ def numbers_of(stream: Stream) -> frozenset[int]:
     return frozenset().union(*(_numbers_of(vector_map) for vector_map in stream.submaps.values()))
 
 
-class Robot:
+class Robot(Node):
     """One process of a robot: it ticks by itself until it is killed.
 
     Attributes
@@ -54,67 +52,22 @@ class Robot:
     seen : what it has ever merged of each robot
     """
 
-    def __init__(self, fleet: Fleet, name: str, **options: object) -> None:
+    def __init__(self, fleet: Fleet, name: str) -> None:
         self.fleet, self.name = fleet, name
-        chain = Chain(fleet.rng.bytes(16), revisions=fleet.revisions)
-        options = {"start": FixedPose(), **options}
-        self.engine = Engine(name, chain=chain, **options)
-        self.link: MemoryLink = fleet.hub.link(name)
         self.numbers: set[int] = set()
-        self.lives = True
-        self.link.connect(self)
-        self.link.display(self.engine.own.life)
-        self.history: dict[int, int] = {}
         self.seen: dict[str, frozenset[int]] = {}
-        self._note()
-        self._tick()
+        super().__init__(fleet.hub, fleet.clock, name, run=fleet.next_run(name), revisions=fleet.revisions)
 
-    @property
-    def life(self) -> int:
-        return self.engine.own.life
-
-    def publish(self, count: int) -> None:
+    def grow(self, count: int) -> None:
         """Say so many squares more."""
         self.numbers |= set(self.fleet.places(count))
-        self.engine.publish("0", squares(self.numbers), now_s=self.fleet.clock.now_s)
-        self.carry_out()
-
-    def do(self, work: Callable[[], object]) -> None:
-        """Something that the user says."""
-        work()
-        self.carry_out()
-
-    def kill(self) -> None:
-        """As SIGKILL does."""
-        self.lives = False
-        self.link.vanish()
-
-    def deliver(self, item: Input) -> None:
-        """What the link delivers."""
-        if self.lives:
-            self.engine.receive(item, now_s=self.fleet.clock.now_s)
-            self.carry_out()
+        self.publish(squares(self.numbers))
 
     def carry_out(self) -> None:
-        for output in self.engine.take_outputs():
-            match output:
-                case Put(life, kind, payload):
-                    self._note()
-                    self.link.put(life, kind, payload)
-                case Ask(ask_id, robot, life, kind, payload):
-                    replied, ended = partial(self._reply, ask_id), partial(self.deliver, ReplyEnd(ask_id))
-                    self.link.ask((robot, life), kind, payload, on_reply=replied, on_end=ended)
-                case Answer(reply, payloads):
-                    reply(payloads)
-                case LifeChanged(life):
-                    self.link.display(life)
-                case LookAgain():
-                    for token in self.fleet.tokens(self):
-                        self.deliver(Alive(*token))
-
-    def holds(self) -> dict[tuple[str, int], tuple[int, int]]:
-        """What is kept: (robot, life) -> (seq, digest)."""
-        return {s.key: (s.seq, s.digest) for s in self.engine.holdings.streams()}
+        """Hand on what came out of the engine, and note what was said."""
+        own = self.engine.own
+        self.fleet.said.setdefault(own.key, {})[own.seq] = own.digest
+        super().carry_out()
 
     def merged(self) -> dict[str, frozenset[int]]:
         """The squares of each robot that are merged here."""
@@ -122,20 +75,6 @@ class Robot:
         for stream in self.engine._merged_streams():
             found[stream.robot] = found.get(stream.robot, frozenset()) | numbers_of(stream)
         return found
-
-    def _reply(self, ask_id: int, payload: bytes) -> None:
-        self.deliver(Reply(ask_id, payload))
-
-    def _note(self) -> None:
-        own = self.engine.own
-        self.history[own.seq] = own.digest
-        self.fleet.said.setdefault(own.key, {})[own.seq] = own.digest
-
-    def _tick(self) -> None:
-        if self.lives:
-            self.engine.tick(self.fleet.clock.now_s)
-            self.carry_out()
-            self.fleet.clock.call_later(TICK_S, self._tick)
 
 
 @dataclass
@@ -156,15 +95,21 @@ class Fleet:
     robots: dict[str, Robot] = field(default_factory=dict)
     said: dict[tuple[str, int], dict[int, int]] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
+    runs: dict[str, int] = field(default_factory=dict)
     _place: int = 0
 
     def __post_init__(self) -> None:
         self.hub = MemoryHub(self.clock, fate=self.fate, rate_Bps=self.rate_Bps)
 
-    def start(self, name: str, **options: object) -> Robot:
+    def start(self, name: str) -> Robot:
         """Begin a process of a robot."""
-        self.robots[name] = Robot(self, name, **options)
+        self.robots[name] = Robot(self, name)
         return self.robots[name]
+
+    def next_run(self, name: str) -> int:
+        """Which run of a robot begins now."""
+        self.runs[name] = self.runs.get(name, 0) + 1
+        return self.runs[name]
 
     def places(self, count: int) -> range:
         """Places where no square is yet."""
@@ -172,10 +117,7 @@ class Fleet:
         return range(self._place - count, self._place)
 
     def living(self) -> list[Robot]:
-        return [robot for robot in self.robots.values() if robot.lives]
-
-    def tokens(self, robot: Robot) -> list[tuple[str, int]]:
-        return [other.token for other in self.hub.others(robot.link) if other.token is not None]
+        return [robot for robot in self.robots.values() if robot.open]
 
     def run(self, seconds: float, *, look: Callable[[], None] | None = None, each_s: float = 1.0) -> None:
         """Let time pass, and look in between."""
@@ -265,7 +207,7 @@ def run_reboots(seed: int, *, most: int = 4) -> list[str]:
             case _:
                 for robot in fleet.living():
                     if rng.random() < 0.5:
-                        robot.publish(int(rng.integers(1, largest)))
+                        robot.grow(int(rng.integers(1, largest)))
         for name, due_s in list(down.items()):
             if due_s <= fleet.clock.now_s:
                 del down[name]
@@ -296,7 +238,7 @@ def run_many_reboots(seed: int, *, reboots: int) -> list[str]:
     fleet = Fleet(rng, lossy(rng, 0.02, 0.05))
     names = [f"r{i}" for i in range(rng.integers(2, 5))]
     for name in names:
-        fleet.start(name).publish(int(rng.integers(1, 50)))
+        fleet.start(name).grow(int(rng.integers(1, 50)))
     fleet.run(3.0)
     best: tuple[int, int] = (0, 0)
     for _ in range(reboots):
@@ -304,7 +246,7 @@ def run_many_reboots(seed: int, *, reboots: int) -> list[str]:
         fleet.run(float(rng.uniform(0.5, 3.0)))
         robot = fleet.start("r0")
         link_later(fleet, robot, float(rng.choice([0.0, 2.0, 10.0])))
-        robot.publish(int(rng.integers(1, 200)))
+        robot.grow(int(rng.integers(1, 200)))
         fleet.run(float(rng.uniform(0.0, 6.0)))
         for other in fleet.living():
             if other is not robot:  # as far as somebody has heard of it who lives on

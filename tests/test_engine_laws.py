@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from functools import partial
 
 import numpy as np
 import pytest
@@ -219,7 +218,7 @@ def test_records_whose_base_never_comes_hold_up_nobody_else() -> None:
 def test_repair_makes_progress_however_short_the_links_live(links_live_s: float) -> None:
     fleet = Fleet(np.random.default_rng(0), rate_Bps=1200.0)
     author = fleet.start("a")
-    author.do(partial(author.engine.publish, "0", scattered(1500)))
+    author.publish(scattered(1500))
     # Long enough for a question and one chunk of 2 kB.
     size_bytes = sum(map(len, snapshot_messages(author.engine.own)))
     reader = fleet.start("b")
