@@ -61,7 +61,7 @@ def run_schedule(seed: int, *, robots: int, events: int) -> dict[str, Any]:
                 row += 1
                 fleet.start(name, row=row)
             for name in killed:
-                fleet.ready(name)
+                fleet.joined(name)
                 fleet.publish(name)
             time.sleep(float(rng.uniform(0.0, 2.0)))
         began_s = time.monotonic()

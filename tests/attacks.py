@@ -18,9 +18,10 @@ from typing import Self
 
 import zenoh
 
-TOKEN = "alive/0123456789abcdef"
-SAID = ("delta", "digest", "pose", "goal")
-ANSWERED = ("snapshot", "revisions", "mirror/r1", "stats")
+LIFE = "0123456789abcdef"
+TOKEN = f"alive/{LIFE}"
+SAID = tuple(f"{kind}/{LIFE}" for kind in ("delta", "digest", "pose", "goal"))
+ANSWERED = tuple(f"{kind}/{LIFE}" for kind in ("snapshot", "revisions", "mirror", "stats"))
 """What there is under fleetmap/<fleet>/<robot>/: the token of who lives, samples, and answers to questions."""
 
 HONEST_PEER = Path(__file__).parent / "honest_peer.py"
@@ -103,6 +104,24 @@ class Stranger:
 
         self._declared.append(self.session.declare_queryable(key, reply))
 
+    def respond(self, key: str, answer: Callable[[bytes], Iterable[bytes]]) -> None:
+        """Answer each question to ``key`` with what ``answer`` makes of its payload."""
+
+        def reply(asked: zenoh.Query) -> None:
+            with asked:
+                for payload in answer(asked.payload.to_bytes() if asked.payload is not None else b""):
+                    asked.reply(key, payload)
+
+        self._declared.append(self.session.declare_queryable(key, reply))
+
+    def react(self, key: str, then: Callable[[str, bytes], None]) -> None:
+        """Do something at once about each sample under ``key``."""
+
+        def hear(sample: zenoh.Sample) -> None:
+            then(str(sample.key_expr), sample.payload.to_bytes())
+
+        self._declared.append(self.session.declare_subscriber(key, hear, allowed_origin=zenoh.Locality.REMOTE))
+
     def ask(self, key: str, payload: bytes = b"") -> list[tuple[str, bytes]]:
         """Ask all whose keys match; (key, payload) of the replies, ascending."""
         replies = self.session.get(
@@ -151,6 +170,7 @@ class Fleet:
     Parameters
     ----------
     robots : their names; they join in this order, and each dials those before it
+    late : names of robots that are not started before ``start`` says so
     fleet : its name
     rooms : square rooms, of 4 edges, in the map of each; one more stands elsewhere after each change
     options : further options of ``fleetmap.join``
@@ -159,7 +179,8 @@ class Fleet:
     Attributes
     ----------
     endpoints : by robot, where a stranger may dial it
-    published : by robot, the digest of its last map
+    lives : by robot, the life of its last start
+    published : by robot and life, the digest of its last map
 
     Raises
     ------
@@ -171,29 +192,30 @@ class Fleet:
         self,
         robots: Sequence[str] = ("a", "b", "c", "d"),
         *,
+        late: Sequence[str] = (),
         fleet: str = "test",
         rooms: int = 50,
         options: Mapping[str, object] | None = None,
         timeout_s: float = 20.0,
     ) -> None:
-        self.robots, self.fleet = tuple(robots), fleet
-        self.endpoints = dict(zip(robots, free_endpoints(len(robots)), strict=True))
+        self.robots, self.fleet, self._first = (*robots, *late), fleet, tuple(robots)
+        self.endpoints = dict(zip(self.robots, free_endpoints(len(self.robots)), strict=True))
+        self.lives: dict[str, str] = {}
         self.published: dict[str, str] = {}
         self._rooms, self._options, self._timeout_s = rooms, dict(options or {}), timeout_s
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
         self._unread: dict[str, bytes] = {}
-        self._change = dict.fromkeys(robots, -1)
+        self._change = dict.fromkeys(self.robots, -1)
         self._asked = 0
 
     def __enter__(self) -> Self:
         try:
-            for robot in self.robots:
+            for robot in self._first:
                 self.start(robot)
-            for robot in self.robots:
-                self._read(robot, 0, self._timeout_s)
-            for robot in self.robots:
+            for robot in self._first:
+                self.joined(robot)
                 self.publish(robot)
-            self.synced(at_least=len(self.robots) - 1)
+            self.synced(at_least=len(self._first) - 1)
         except BaseException:
             self.close()
             raise
@@ -227,9 +249,9 @@ class Fleet:
         )
         self._unread[robot] = b""
 
-    def ready(self, robot: str) -> None:
+    def joined(self, robot: str) -> None:
         """Wait until a robot that was started has joined."""
-        self._read(robot, 0, self._timeout_s)
+        self.lives[robot] = str(self._read(robot, 0, self._timeout_s)["life"])
 
     def kill(self, robot: str) -> None:
         """End a robot without a word."""
@@ -260,7 +282,7 @@ class Fleet:
         """Have a robot publish its next small change; when it was told to, by the clock of ``time.monotonic``."""
         self._change[robot] += 1
         answer = self.ask(robot, "publish", timeout_s=timeout_s, change=self._change[robot])
-        self.published[robot] = str(answer["map"])
+        self.published[f"{robot}/{self.lives[robot]}"] = str(answer["map"])
         return float(answer["began_s"])  # type: ignore[arg-type]
 
     def latencies_s(self, changes: int, *, timeout_s: float | None = None) -> list[float]:
@@ -281,7 +303,7 @@ class Fleet:
         """By other robot, since when it holds the last change of a robot, or a later one; waits until all do."""
         change, wait_s = self._change[author], timeout_s or self._timeout_s
         others = [robot for robot in self.running if robot != author]
-        answers = self.ask_all(others, "held", robot=author, change=change, timeout_s=wait_s)
+        answers = self.ask_all(others, "held", robot=author, life=self.lives[author], change=change, timeout_s=wait_s)
         return {
             robot: min(since_s for held, since_s in answer["held_s"].items() if int(held) >= change)  # type: ignore[attr-defined]
             for robot, answer in answers.items()
@@ -293,18 +315,47 @@ class Fleet:
 
     def synced(self, *, at_least: int = 0, timeout_s: float | None = None) -> dict[str, str | None]:
         """By robot, the digest that ``synced()`` returns; None where it times out."""
-        wait_s = timeout_s or self._timeout_s
-        answers = self.ask_all(self.running, "synced", timeout_s=wait_s, at_least=at_least)
+        answers = self._synced(at_least, timeout_s)
         return {robot: answer.get("digest") for robot, answer in answers.items()}  # type: ignore[misc]
 
+    def synced_lies(self, *, timeout_s: float) -> list[str]:
+        """Whose map is not right at whom, though ``synced()`` has returned there. Nobody must publish meanwhile."""
+        return [
+            f"{author} at {robot}"
+            for robot, answer in self._synced(0, timeout_s).items()
+            for author, digest in self.published.items()
+            if "maps" in answer and answer["maps"].get(author) != digest  # type: ignore[attr-defined]
+        ]
+
+    def missing(self, *, timeout_s: float) -> list[str]:
+        """What ``synced()`` says that is missing; empty if it returns at all robots, and with one digest."""
+        answers = self._synced(len(self.running) - 1, timeout_s)
+        told = [str(answer["missing"])[:300] for answer in answers.values() if "missing" in answer]
+        digests = {str(answer["digest"]) for answer in answers.values() if "digest" in answer}
+        return told or ([f"digests {sorted(digests)}"] if len(digests) > 1 else [])
+
+    def _synced(self, at_least: int, timeout_s: float | None) -> dict[str, dict[str, object]]:
+        wait_s = timeout_s or self._timeout_s
+        return self.ask_all(self.running, "synced", timeout_s=wait_s, at_least=at_least)
+
     def wrong(self) -> list[str]:
-        """Whose map is not at whom what its author published last; empty if all is right."""
+        """Whose map is not merged at whom as its author published it last; empty if all is right."""
         held = self.ask_all(self.running, "maps")
         return [
             f"{author} at {robot}"
             for robot, answer in held.items()
             for author, digest in self.published.items()
-            if author != robot and answer["maps"].get(author) != digest  # type: ignore[attr-defined]
+            if answer["maps"].get(author) != digest  # type: ignore[attr-defined]
+        ]
+
+    def unseen(self) -> list[str]:
+        """Which running robot is absent for which other; empty if each sees all."""
+        seen = self.ask_all(self.running, "alive")
+        return [
+            f"{other} for {robot}"
+            for robot, answer in seen.items()
+            for other in self.running
+            if other != robot and other not in answer["alive"]  # type: ignore[operator]
         ]
 
     def dropped(self, robot: str) -> int:

@@ -15,6 +15,7 @@ import time
 import numpy as np
 
 import fleetmap
+from fleetmap.engine.view import View, view
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -43,11 +44,14 @@ def change_of(held: VectorMap) -> int:
 
 
 class HonestPeer:
-    """Does what the lines say; notes at which instant each change of each other robot was held first."""
+    """Does what the lines say; notes at which instant each change of each other robot was held first.
+
+    Robots are told apart by life: who borrows a name is somebody else.
+    """
 
     def __init__(self, peer: Peer, *, count: int, row: int) -> None:
         self.peer, self.count, self.row = peer, count, row
-        self.held_s: dict[str, dict[int, float]] = {}
+        self.held_s: dict[tuple[str, int], dict[int, float]] = {}
 
     async def publish(self, change: int) -> dict[str, object]:
         vector_map = rooms(self.count, change, self.row)
@@ -60,12 +64,15 @@ class HonestPeer:
 
     async def synced(self, timeout_s: float, at_least: int) -> dict[str, object]:
         try:
-            return {"digest": str((await self.peer.synced(timeout_s, at_least=at_least)).digest)}
+            digest = str((await self.peer.synced(timeout_s, at_least=at_least)).digest)
         except TimeoutError as error:
             return {"missing": str(error)}
+        return {"digest": digest, **await self.maps()}
 
     async def maps(self) -> dict[str, object]:
-        return {"maps": {robot: f"{maps['0'].digest:016x}" for robot, maps in self.peer.maps.items() if "0" in maps}}
+        """What would be merged now, by robot and life; the own map, too."""
+        found: View = await self.peer._read(lambda: view(self.peer._engine))
+        return {"maps": {f"{s.frame[0]}/{s.frame[1]:016x}": f"{s.vector_map.digest:016x}" for s in found.sources}}
 
     async def kept(self) -> dict[str, object]:
         """By robot, the digests of the maps of all its lives that are merged here."""
@@ -80,11 +87,12 @@ class HonestPeer:
     async def dropped(self) -> dict[str, object]:
         return {"dropped": {" ".join(what): count.messages for what, count in self.peer.stats().dropped.items()}}
 
-    async def held(self, robot: str, change: int, timeout_s: float) -> dict[str, object]:
+    async def held(self, robot: str, life: str, change: int, timeout_s: float) -> dict[str, object]:
         """Wait until a change of a robot, or a later one, is held; since when each of them is."""
+        key = (robot, int(life, 16))
         async with asyncio.timeout(timeout_s), self.peer.stepped:
-            await self.peer.stepped.wait_for(lambda: self._held(robot) >= change)
-        return {"held_s": self.held_s[robot]}
+            await self.peer.stepped.wait_for(lambda: self._held(key) >= change)
+        return {"held_s": self.held_s[key]}
 
     async def step(self) -> dict[str, object]:
         """Wait until the engine does something; not for long, for what is waited for may be there already."""
@@ -97,13 +105,13 @@ class HonestPeer:
         while True:
             async with self.peer.stepped:
                 await self.peer.stepped.wait()
-            for robot in list(self.peer.maps):
-                self._held(robot)
+            for key in list(self.held_s):
+                self._held(key)
 
-    def _held(self, robot: str) -> int:
-        now_s, known = time.monotonic(), self.held_s.setdefault(robot, {})
-        maps = self.peer.maps.get(robot, {})
-        change = change_of(maps["0"]) if "0" in maps else -1
+    def _held(self, key: tuple[str, int]) -> int:
+        now_s, known = time.monotonic(), self.held_s.setdefault(key, {})
+        held = self.peer._engine.holdings.held(key).submaps.get("0")
+        change = -1 if held is None else change_of(held)
         known.setdefault(change, now_s)
         return change
 
@@ -114,7 +122,7 @@ async def main(robot: str, options: dict[str, object]) -> None:
     async with fleetmap.join(robot, start=Pose2(), **options) as peer:  # type: ignore[arg-type]
         honest = HonestPeer(peer, count=count, row=row)
         watching = asyncio.create_task(honest.watch())
-        print(json.dumps({"id": 0}), flush=True)  # noqa: T201 - this is how it talks
+        print(json.dumps({"id": 0, "life": f"{peer.life:016x}"}), flush=True)  # noqa: T201 - this is how it talks
         while line := await loop.run_in_executor(None, sys.stdin.readline):
             asked = json.loads(line)
             number, what = asked.pop("id"), asked.pop("do")
