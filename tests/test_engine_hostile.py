@@ -6,7 +6,7 @@ from exchange import asks, commit, deliver, engine, held, life, meet, query, rep
 
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import forget, set_anchor
-from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList
+from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList, SubmapChange
 from fleetmap.engine.catchup import MAX_UNDER_WAY_EACH
 from fleetmap.engine.view import view
 from fleetmap.model.errors import ConfigError
@@ -121,4 +121,17 @@ def test_a_revision_that_the_author_has_not_come_to_is_not_waited_for_long() -> 
             )
         waited_for.update(me.lacking())
     assert f"r life {author.own.life:016x}" in waited_for
+    assert held(me, author).revision == author.own.revision
+
+
+def test_who_speaks_as_another_does_not_use_up_that_ones_budget() -> None:
+    me, author = engine("me"), engine("r")
+    meet(me, author)
+    author.publish("0", room(5))
+    deliver(author, me)
+    word, junk = author.own, Change({}, (SubmapChange("0", None, bytes(4_000_000)),))
+    for later, link in ((0, word.link), (1, word.link), (1, 12345)) * 4:
+        tell(me, word.key, envelope.encode(Record(word.seq + later, link, 5, junk)))
+    author.publish("0", room(7))
+    deliver(author, me)
     assert held(me, author).revision == author.own.revision

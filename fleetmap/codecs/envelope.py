@@ -49,6 +49,9 @@ VERSION = 2
 LONE = "0"
 """The submap of robots that have one; its payload may stand without its name."""
 
+HEAD_BYTES = 32
+"""More than an array's header, version and kind, seq and link take."""
+
 T = TypeVar("T")
 
 
@@ -83,6 +86,18 @@ def decode(data: bytes, *, robot: str) -> Message:
     WireError : the bytes are not a message of this version, or a field is out of its bounds
     """
     return _guarded(data, robot, lambda: _read_message(_unpack(data)))
+
+
+def record_head(data: bytes) -> tuple[int, int] | None:
+    """(seq, link) of the record in ``data``, without looking at more of it; None if it begins like no record."""
+    head = msgpack.Unpacker(max_buffer_size=HEAD_BYTES, max_str_len=0, max_bin_len=0, max_ext_len=0)
+    head.feed(data[:HEAD_BYTES])
+    try:
+        if head.read_array_header() < 5 or head.unpack() != (VERSION << 4 | Record.KIND):
+            return None
+        return _integer(head.unpack(), 1, MAX_SEQ), _word(head.unpack())
+    except (ValueError, TypeError, OverflowError, msgpack.exceptions.UnpackException):
+        return None
 
 
 def encode_change(change: Change) -> bytes:

@@ -317,8 +317,10 @@ class Engine:
         robot, _ = key
         self._check_allowed(robot, payload)
         if kind == "delta":
-            self._check_work(key, payload, now_s)
-            self._budget(key).spend(len(payload))
+            payer = self._payer(key, payload)
+            if payer.left(now_s) <= 0:
+                raise WireError(robot=robot, size_bytes=len(payload), reason="claimed: too much work")
+            payer.spend(len(payload))
         message = envelope.decode(payload, robot=robot)
         if key == self.own.key:
             self._on_own_word(message, payload)
@@ -770,6 +772,14 @@ class Engine:
         """What a speaker may have decoded; names that nobody knows share one, for there are endlessly many."""
         known = speaker in self.holdings.replicas or self._present(speaker)
         return self._work.of(speaker[0] if known else "")
+
+    def _payer(self, key: Key, payload: bytes) -> Budget:
+        """Whose work a record is. Its author's only if its link shows that: else whoever speaks as that author could use
+        its budget up, and it would be heard no more."""
+        replica, head = self.holdings.replicas.get(key), envelope.record_head(payload)
+        if replica is not None and head is not None and replica.is_next(*head):
+            return self._budget(key)
+        return self._work.of("")
 
     def _check_work(self, speaker: Key, payload: bytes, now_s: float) -> None:
         if self._budget(speaker).left(now_s) <= 0:

@@ -89,6 +89,11 @@ class Replica:
             partial = (of.seq, of.digest, first_missing) if first_missing else None
         return Want(self.stream.robot, self.stream.revision, partial)
 
+    def is_next(self, seq: int, link: int) -> bool:
+        """Whether a record of this seq and link can only come from whoever has the author's word, and is of use."""
+        held = self.stream
+        return held.seq < seq <= held.seq + MAX_EARLY and before(link, seq, seq - held.seq) == held.link
+
     def offer(self, record: Record, raw: bytes, limits: Limits, *, by_author: bool) -> Outcome:
         """Apply a record if it is the next one, and whatever early ones follow it.
 
