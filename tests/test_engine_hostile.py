@@ -5,9 +5,11 @@ import pytest
 from exchange import asks, commit, deliver, engine, held, life, meet, query, reply, room, tell
 
 from fleetmap.codecs import envelope
-from fleetmap.codecs.facts import forget, set_anchor
+from fleetmap.codecs.facts import forget, set_anchor, supersede
 from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList, SubmapChange
+from fleetmap.engine import MapChanged
 from fleetmap.engine.catchup import MAX_UNDER_WAY_EACH
+from fleetmap.engine.holdings import SPARED_S
 from fleetmap.engine.view import view
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.lattice import Lattice
@@ -86,19 +88,37 @@ def test_nobody_can_leave_a_robot_that_lives_out_of_the_map() -> None:
     victim.publish("0", room(5))
     deliver(victim, me, bad)
     deliver(me, victim, bad)
-    for turn in range(3):
-        # As they might be, and as they are.
+    twin = engine("v", run=2, start=FixedPose())
+    meet(me, twin)
+    twin.publish("0", room(3))
+    # Twice a second, for much longer than anybody is spared: all that it has said by then.
+    for now_s in np.arange(0.0, 3 * SPARED_S, 0.5):
         for ahead in (1, 0):
             commit(bad, facts=forget({s.key: (s.seq + ahead, s.link) for s in (me.own, victim.own)}))
-            deliver(bad, me, victim)
-        assert victim.own.key in me.holdings.left_out()
-        for now_s in (2.0 * turn + 2.0, 2.0 * turn + 2.1):
-            for one in (me, victim):
-                one.tick(now_s)
-        deliver(victim, me)
-        deliver(me, victim)
-        assert me.holdings.left_out() == victim.holdings.left_out() == set()
-    assert [source.frame for source in view(me).sources] == [("v", life("v"), "0")]
+            deliver(bad, me, victim, now_s=now_s)
+        commit(twin, facts=supersede({victim.own.life: victim.own.state}))
+        deliver(twin, me, victim, now_s=now_s)
+        for one in (me, victim):
+            one.tick(now_s)
+            assert victim.own.key in {source.frame[:2] for source in view(one).sources}
+        deliver(victim, me, now_s=now_s)
+        deliver(me, victim, now_s=now_s)
+    assert victim.own.seq > 2 * SPARED_S
+
+
+def test_who_is_there_and_says_nothing_to_being_forgotten_is_left_out_after_a_while() -> None:
+    me, silent, operator = (engine(name, start=FixedPose()) for name in ("me", "s", "o"))
+    meet(me, silent, operator)
+    silent.publish("0", room(5))
+    deliver(silent, me, operator)
+    me.tick(1.0)
+    commit(operator, facts=forget({silent.own.key: silent.own.state}))
+    deliver(operator, me, now_s=1.0)
+    me.take_outputs()
+    for now_s, there in ((1.1, True), (0.9 + SPARED_S, True), (1.1 + SPARED_S, False)):
+        me.tick(now_s)
+        assert (silent.own.key in {source.frame[:2] for source in view(me).sources}) == there
+    assert any(isinstance(output, MapChanged) for output in me.take_outputs())
 
 
 def test_a_revision_that_the_author_has_not_come_to_is_not_waited_for_long() -> None:

@@ -15,9 +15,10 @@ REPLY_TIMEOUT_S, FIRST_REPLY_TIMEOUT_S = 4.0, 1.5
 MAX_LATE = 256
 FIRST_RETRY_S, FIRST_LIST_RETRY_S, LONGEST_RETRY_S = 0.2, 0.5, 10.0
 MAX_UNDER_WAY = 32
-MAX_LISTS_UNDER_WAY = 16
 MAX_UNDER_WAY_EACH = 4
-"""Questions under way at once: to all, of lists, and to one: who doesn't answer keeps nobody else waiting."""
+"""Questions under way at once, to all and to one: who doesn't answer keeps nobody else waiting."""
+MAX_STRANGERS_UNDER_WAY = 16
+"""Of these, questions to who has never spoken: a thousand tokens of nobody leave room for the others."""
 MAX_REPLIES = 1024
 """Replies to one question, a snapshot's chunks and the records behind them."""
 FAILED = 3
@@ -134,8 +135,10 @@ class Catchup:
                     del self._late[next(iter(self._late))]
         return vain
 
-    def due(self, now_s: float, holders: Callable[[Key], list[Key]]) -> list[About]:
-        """The questions to send now."""
+    def due(
+        self, now_s: float, holders: Callable[[Key], list[Key]], spoke: Callable[[Key], bool]
+    ) -> list[About]:
+        """The questions to send now; ``spoke`` says who has ever spoken."""
         if now_s < self._look_s:
             return []
         busy: dict[Key, int] = {}
@@ -156,14 +159,17 @@ class Catchup:
             found.append(about)
             return True
 
-        for peer in _ready(self._lists_due_s, now_s):
-            if len(listing) >= MAX_LISTS_UNDER_WAY:
-                break
+        strangers = sum(not spoke(peer) for peer in listing)
+        # First those who have spoken.
+        for peer in sorted(_ready(self._lists_due_s, now_s), key=lambda peer: not spoke(peer)):
             about = About(peer, None)
+            if not spoke(peer) and strangers >= MAX_STRANGERS_UNDER_WAY:
+                break
             if self._again_s(about) > now_s:
                 self._lists_due_s[peer] = self._again_s(about)
             elif peer not in listing and take(about):
                 listing.add(peer)
+                strangers += not spoke(peer)
                 del self._lists_due_s[peer]
         for stream in _ready(self._due_s, now_s):
             if stream in asked:

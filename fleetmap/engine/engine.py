@@ -117,6 +117,7 @@ class Engine:
         self._contested_s = -math.inf
         self._contest = False
         self._outputs: list[Output] = []
+        self._left_out: set[Key] = set()
         self._commit(facts={**set_level(level), **set_start(start)}, even_if_nothing=True)
 
     @property
@@ -203,13 +204,13 @@ class Engine:
         streams = {s.key: s.state for s in self.holdings.streams() if s.robot == robot}
         if not streams:
             raise ConfigError(option="robot", value=robot, reason="no map of that robot is held")
-        before = self.holdings.left_out()
+        before = self.left_out()
         if everywhere:
             self._commit(facts=forget(streams))
         else:
             self.holdings.hidden.update(streams)
         self._tell_left_out(before)
-        return self.holdings.left_out() != before
+        return self.left_out() != before
 
     def set_pose(self, x_m: float, y_m: float, yaw_rad: float) -> None:
         """Announce where the robot is, in its map frame.
@@ -236,6 +237,7 @@ class Engine:
 
     def receive(self, item: Input, *, now_s: float) -> None:
         """Take what the link delivered. ``take_outputs`` gives what came of it."""
+        self.holdings.now_s = now_s
         match item:
             case Message(robot, life, kind, payload):
                 self._count(robot, kind, payload, lambda: self._on_message((robot, life), kind, payload, now_s))
@@ -255,6 +257,7 @@ class Engine:
 
     def tick(self, now_s: float) -> None:
         """Send the heartbeat and the questions that are due. Call it some ten times a second."""
+        self.holdings.now_s = now_s
         if now_s >= self._heartbeat_due_s:
             self._heartbeat_due_s = now_s + self._heartbeat_s
             self._put("digest", envelope.encode(Heartbeat(self.own.seq, self.holdings.held_hash())))
@@ -265,6 +268,10 @@ class Engine:
                 self._refused = error
         for robot in sorted(self.holdings.undecided):
             self._settle(robot)
+        # Who was spared for a while may have to go now.
+        before, self._left_out = self._left_out, self.left_out()
+        if before != self._left_out:
+            self._tell_left_out(before)
         if self._contest and now_s >= self._contested_s + CONTEST_S:
             self._contest, self._contested_s = False, now_s
             self._commit(even_if_nothing=True)
@@ -293,9 +300,13 @@ class Engine:
             *(f"{text}; forget({robot!r}) leaves it out" for robot, text in sorted(self.disputed().items())),
         ]
 
+    def left_out(self) -> set[Key]:
+        """Streams that are kept and not merged."""
+        return self.holdings.left_out(self._present)
+
     def disputed(self) -> dict[str, str]:
         """Robots whose maps the others don't agree about, and who says what; those that are left out don't count."""
-        left_out = self.holdings.left_out()
+        left_out = self.left_out()
         told: dict[str, str] = {}
         for replica in self.holdings.replicas.values():
             stream = replica.stream
@@ -619,7 +630,7 @@ class Engine:
     def _ask_due(self, now_s: float) -> None:
         for about in self._catchup.expired(now_s):
             self._in_vain(about, now_s)
-        for about in self._catchup.due(now_s, self._holders):
+        for about in self._catchup.due(now_s, self._holders, self._present):
             robot, life = about.peer
             if about.stream is None:
                 # Who holds the same says so, and no list.
@@ -754,12 +765,12 @@ class Engine:
             self._outputs.append(gone_event(stream))
 
     def _merged_streams(self) -> list[Stream]:
-        left_out = self.holdings.left_out()
+        left_out = self.left_out()
         return [s for s in self.holdings.streams() if s.key not in left_out]
 
     def _tell_left_out(self, before: set[Key]) -> None:
         streams = {s.key: s for s in self.holdings.streams()}
-        changed = [streams[key] for key in sorted(before ^ self.holdings.left_out()) if key in streams]
+        changed = [streams[key] for key in sorted(before ^ self.left_out()) if key in streams]
         self._outputs.extend(no_edge_changed(stream) for stream in changed)
 
     # How it works: bounds

@@ -23,6 +23,10 @@ MAX_WAITING_BYTES = 8 << 20
 """Early records and parts of snapshots, of all streams together."""
 MAX_DROPPED = 4096
 
+SPARED_S = 5.0
+"""So long what somebody who is there has said stays merged when others forget or supersede it. It says its next revision
+within a second, and what was said of the former one is void: who forgets each of them at once achieves nothing."""
+
 _MASK = (1 << 64) - 1
 
 
@@ -33,13 +37,19 @@ class Holdings:
     Attributes
     ----------
     hidden : streams that the user has this peer forget, as they were then
-    undecided : robots of whose lives one may have to go, once all of it has come
+    undecided : robots of whose lives one may have to go, once all of it has come, or it has had time to speak
+    now_s : set by whoever has a clock
     """
 
     author: Author
     replicas: dict[Key, Replica] = field(default_factory=dict)
     hidden: dict[Key, State] = field(default_factory=dict)
     undecided: set[str] = field(default_factory=set)
+    now_s: float = 0.0
+    _doubted: dict[Key, tuple[State, float]] = field(default_factory=dict)
+    """Forgotten streams of authors who are there: in which state, since when."""
+    _ended: dict[Key, tuple[State, float]] = field(default_factory=dict)
+    """Superseded ones likewise."""
     _dropped: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
     """Not asked for again as they were: whoever still offers them has not heard yet why they go."""
 
@@ -71,19 +81,35 @@ class Holdings:
         """Whether this very revision was dropped, and isn't wanted back."""
         return self._dropped.get(key) == revision
 
-    def left_out(self) -> set[Key]:
-        """Streams that are kept and not merged: the user, or an operator anywhere, has them forgotten as they are."""
+    def left_out(self, present: Callable[[Key], bool]) -> set[Key]:
+        """Streams that are kept and not merged: the user, or an operator anywhere, has them forgotten as they are.
+
+        Parameters
+        ----------
+        present : whether an author is there. Then it has ``SPARED_S`` to say that it lives
+        """
         streams = {s.key: s for s in self.streams()}
         here = {key for key, state in self.hidden.items() if key in streams and streams[key].state == state}
         said = [item for key, s in streams.items() if key not in here for item in s.forgets.items()]
-        return here | {key for key, state in said if key in streams and streams[key].state == state}
+        there = {key for key, state in said if key in streams and streams[key].state == state} - here
+        doubted = {key: self._since(self._doubted, streams[key]) for key in there if present(key)}
+        self._doubted = doubted
+        return here | {key for key in there if key not in doubted or self._is_over(doubted[key])}
+
+    def _since(self, doubts: dict[Key, tuple[State, float]], stream: Stream) -> tuple[State, float]:
+        known = doubts.get(stream.key)
+        return known if known is not None and known[0] == stream.state else (stream.state, self.now_s)
+
+    def _is_over(self, doubt: tuple[State, float]) -> bool:
+        return self.now_s >= doubt[1] + SPARED_S
 
     def settle(self, robot: str, lives: Callable[[int], bool], behind: Callable[[Key], bool]) -> list[Stream]:
         """Drop the lives of a robot that need not be kept; returns them as they were.
 
         Parameters
         ----------
-        lives : whether a life's token is there. A superseded one that lives is held on to: it may go on
+        lives : whether a life's token is there. A superseded one that lives is held on to: it may go
+            on, and is kept for ``SPARED_S``
         behind : whether more of a stream is known to be on its way. What it is worth is not known before
         """
         replicas = [r for key, r in self.replicas.items() if key[0] == robot and r.stream.seq > 0]
@@ -91,9 +117,14 @@ class Holdings:
         kept = kept_lives([*own, *(r.stream for r in replicas)])
         gone = []
         self.undecided.discard(robot)
+        ended = self._ended
+        self._ended = {key: doubt for key, doubt in ended.items() if key[0] != robot}
         for replica in replicas:
             was, replica.kept = replica.kept, replica.stream.life in kept
-            if not replica.kept and behind(replica.key):
+            if not replica.kept and lives(replica.stream.life):
+                self._ended[replica.key] = self._since(ended, replica.stream)
+            spared = replica.key in self._ended and not self._is_over(self._ended[replica.key])
+            if not replica.kept and (spared or behind(replica.key)):
                 replica.kept = True
                 self.undecided.add(robot)
             elif not replica.kept and not lives(replica.stream.life):

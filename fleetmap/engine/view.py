@@ -36,7 +36,7 @@ def view(engine: Engine) -> View:
 
     A stream without a start is a component of its own, in its robot's map frame.
     """
-    own, left_out = engine.own, engine.holdings.left_out()
+    own, left_out = engine.own, engine.left_out()
     held = [s for s in engine.holdings.streams() if s.key not in left_out]
     streams = sorted([own, *others(own, held)], key=lambda s: s.key)
     sources, unplaced = sources_of(streams)

@@ -67,6 +67,8 @@ logger = logging.getLogger(__name__)
 TICK_S = 0.1
 SLICE = 64
 """Items that the engine takes at a time: between two slices the user has a turn."""
+LOOK_PAUSE_S = 1.0
+"""At least so long between two looks at all tokens."""
 LAST_WORD_S = 0.3
 """So long ``close`` waits for the engine to say what it held back; it may be in a kernel, which can't be stopped."""
 
@@ -118,6 +120,7 @@ class Peer:
         self._folder = Folder(robot, self._look, interval_s=options.fold_interval_s, clock=clock)
         self._supervisor = LinkSupervisor()
         self.stepped, self._steps = asyncio.Condition(), 0
+        self._look_due = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self._failure: FleetmapError | None = None
         self._state = "new"
@@ -154,7 +157,8 @@ class Peer:
             await self._link.show(self._engine.own.life)
             for token in tokens:
                 self._inbox.deliver(Alive(*token))
-            self._tasks = [asyncio.create_task(self._guard(work)) for work in (self._pump, self._folder.run)]
+            works = (self._pump, self._look_for_tokens, self._folder.run)
+            self._tasks = [asyncio.create_task(self._guard(work)) for work in works]
             for task in self._tasks:
                 task.add_done_callback(_look_at)
                 _may_be_dropped(task)
@@ -274,7 +278,7 @@ class Peer:
         robot : whose. The own name: what the own former lives said ends, at every peer. To be called when a robot that
             started anew sees free space where a former life saw a wall that is gone
         everywhere : at every peer, and not only here; the others still hold the map, and who forgets the forgetting
-            robot has it back
+            robot has it back. A robot that lives hears of it, and stays in the map
 
         Raises
         ------
@@ -530,8 +534,7 @@ class Peer:
                 case LifeChanged(life):
                     await self._link.show(life)
                 case LookAgain():
-                    for token in await self._link.tokens():
-                        self._inbox.deliver(Alive(*token))
+                    self._look_due.set()
         await self._notify()
 
     async def _notify(self) -> None:
@@ -578,6 +581,15 @@ class Peer:
                 await self._run(self._feed, items[first : first + SLICE], now_s)
             if not items and ticked_s == now_s:
                 await self._run(self._feed, (), now_s)
+
+    async def _look_for_tokens(self) -> None:
+        """See who is there for whom there was no room. Beside the pump, and not for each of a thousand that leave."""
+        while True:
+            await self._look_due.wait()
+            self._look_due.clear()
+            for token in await self._link.tokens():
+                self._inbox.deliver(Alive(*token))
+            await asyncio.sleep(LOOK_PAUSE_S)
 
     def _feed(self, items: Iterable[Input], now_s: float) -> None:
         for item in items:
