@@ -7,7 +7,7 @@ from exchange import asks, commit, deliver, engine, held, life, meet, query, rep
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import forget, set_anchor, supersede
 from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList, SubmapChange
-from fleetmap.engine import MapChanged
+from fleetmap.engine import Alive, MapChanged
 from fleetmap.engine.catchup import MAX_UNDER_WAY_EACH
 from fleetmap.engine.holdings import SPARED_S
 from fleetmap.engine.view import view
@@ -155,3 +155,24 @@ def test_who_speaks_as_another_does_not_use_up_that_ones_budget() -> None:
     author.publish("0", room(7))
     deliver(author, me)
     assert held(me, author).revision == author.own.revision
+
+
+def test_who_came_before_a_thousand_tokens_of_nobody_is_there_when_it_speaks() -> None:
+    me, good = engine("me"), engine("good")
+    good.publish("0", room(5))
+    deliver(good)  # nobody hears it
+    meet(me, good)
+    for i in range(1, 1000):
+        me.receive(Alive(f"nobody{i}", i), now_s=0.0)
+    assert good.own.key not in me.neighbours
+    good.tick(0.0)
+    deliver(good, me)
+    assert good.own.key in me.neighbours
+    for i in range(1000, 2000):
+        me.receive(Alive(f"nobody{i}", i), now_s=0.0)
+    for now_s in np.arange(0.0, 3.0, 0.1):
+        me.tick(now_s)
+        for ask in asks(me):
+            if ask.robot == "good":
+                reply(me, ask, *query(good, ask.kind, ask.payload), now_s=now_s)
+    assert held(me, good).revision == good.own.revision

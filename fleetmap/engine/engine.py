@@ -243,6 +243,7 @@ class Engine:
                 self._count(robot, kind, payload, lambda: self._on_message((robot, life), kind, payload, now_s))
             case Alive(robot, life):
                 self._on_alive((robot, life), now_s)
+                return  # the next tick asks: thousands of tokens may come at once
             case Gone(robot, life):
                 self._on_gone((robot, life))
             case Query(kind, payload, reply):
@@ -336,6 +337,8 @@ class Engine:
         if key == self.own.key:
             self._on_own_word(message, payload)
             return
+        if self.neighbours.waits(key):
+            self._on_alive(key, now_s)
         neighbour = self.neighbours.by_key.get(key)
         match kind, message:
             case "delta", Record():
@@ -530,6 +533,9 @@ class Engine:
             self.ledger.dropped(robot, "alive", 0, reason="claimed: not allowed")
             return
         neighbour = self.neighbours.add(key)
+        for silent in self.neighbours.evicted:
+            self._catchup.peer_gone(silent)
+        self.neighbours.evicted.clear()
         if neighbour is None:
             self.ledger.dropped(robot, "alive", 0, reason="too_many_peers")
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass, field
 
 from fleetmap.codecs.messages import Revision
@@ -10,6 +11,8 @@ from fleetmap.engine.stream import Key
 MAX_NEIGHBOURS = 512
 MAX_LIVES = 16
 """Tokens of one name."""
+MAX_WAITING = 8192
+"""Tokens without room that are remembered."""
 MAX_CLAIMS = 1 << 16
 """Rows of lists that are remembered, of all neighbours."""
 MUTE_AFTER = 2
@@ -65,15 +68,19 @@ class Neighbour:
 
 @dataclass(slots=True)
 class Neighbours:
-    """The table of neighbours, bounded; who has never spoken gives way to who comes.
+    """The table of neighbours, bounded; who has never spoken gives way to who comes, and comes back when it speaks.
 
     Attributes
     ----------
     refused : somebody found no room
+    evicted : who gave way since this was emptied last
     """
 
     by_key: dict[Key, Neighbour] = field(default_factory=dict)
     refused: bool = False
+    evicted: list[Key] = field(default_factory=list)
+    _waiting: OrderedDict[Key, None] = field(default_factory=OrderedDict)
+    """Tokens for which there is no room, until they speak."""
 
     def __contains__(self, key: Key) -> bool:
         return key in self.by_key
@@ -90,17 +97,31 @@ class Neighbours:
         if of_name >= MAX_LIVES or len(self.by_key) >= MAX_NEIGHBOURS:
             nobody = [n for n in self.by_key.values() if not n.spoke and (of_name < MAX_LIVES or n.key[0] == key[0])]
             if not nobody:
-                self.refused = True
+                self._wait(key)
                 return None
             # Whoever was asked longest ago and said nothing.
-            del self.by_key[max(nobody, key=lambda n: n.unanswered).key]
-            self.refused = True
+            silent = max(nobody, key=lambda n: n.unanswered).key
+            del self.by_key[silent]
+            self.evicted.append(silent)
+            self._wait(silent)
+        self._waiting.pop(key, None)
         neighbour = self.by_key[key] = Neighbour(key)
         return neighbour
 
     def remove(self, key: Key) -> Neighbour | None:
         """Its token vanished; None if it wasn't in the table."""
+        self._waiting.pop(key, None)
         return self.by_key.pop(key, None)
+
+    def waits(self, key: Key) -> bool:
+        """Whether its token was there, and no room for it."""
+        return key in self._waiting
+
+    def _wait(self, key: Key) -> None:
+        self.refused = True
+        self._waiting[key] = None
+        if len(self._waiting) > MAX_WAITING:
+            self._waiting.popitem(last=False)
 
     def say(self, neighbour: Neighbour, claims: dict[Key, Revision]) -> None:
         """What a neighbour says that it holds, instead of what it said before."""
