@@ -1,8 +1,8 @@
 """What do thirteen attacks do to four honest robots? Real Zenoh on loopback; the attacks are in tests/thirteen.py.
 
-By attack: until all honest maps were right everywhere while it lasted; at how many looks one was not; how often `synced()` returned with a wrong one; by
-how much the largest process grew; from publish to held at the worst before and under attack, and their ratio; until a
-newcomer's map was held; until all saw all and agreed after the stranger had left.
+By attack: until all honest maps were right everywhere while it lasted; at how many looks one was not; how often
+`synced()` returned with a wrong one; by how much the largest process grew; from publish to held at the worst before and
+under attack, and their ratio; until a newcomer's map was held; until all saw all and agreed after it had left.
 
     python benchmarks/attacks.py [--seconds 10] [--only 2 6 ...] [--tiny] [--json]
 """
@@ -52,8 +52,10 @@ def main() -> None:
             found[number] = asdict(o)
             quiet, under = worst(o.quiet_s), worst(o.under_s)
             if not options.json:
+                wrong = f"{sum(map(bool, o.looks)):5}/{len(o.looks):<5}"
+                megabytes = o.growth_bytes / 2**20
                 print(
-                    f"{number:2}  {o.right_s:7.2f}  {sum(map(bool, o.looks)):5}/{len(o.looks):<5}  {len(o.lies):4}  {o.growth_bytes / 2**20:3.0f}  {quiet:9.3f}"
+                    f"{number:2}  {o.right_s:7.2f}  {wrong}  {len(o.lies):4}  {megabytes:3.0f}  {quiet:9.3f}"
                     f"  {under:5.2f}  {under / quiet:5.1f}  {o.came_s:10.1f}  {o.recovered_s:11.1f}  {o.faults or ''}",
                     flush=True,
                 )

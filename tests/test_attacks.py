@@ -1,14 +1,66 @@
-"""The tools of the attacks themselves: honest robots in processes of their own, and a stranger among them."""
+"""Strangers without any key, among honest peers in processes of their own: what they say harms nobody for long."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 
 import numpy as np
+import pytest
 from attacks import SAID, Fleet, Stranger
+from thirteen import ATTACKS, GROWTH_BYTES, RECOVERY_S, RIGHT_S, Outcome, trial
 
-TIMEOUT_S = 20.0 * float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
+FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
+TIMEOUT_S = 20.0 * FACTOR
 LIES = 200
+ATTACK_S = 2.0
+SLOWER, SLOWEST_S = 10.0, 1.0
+"""How much slower honest words may get, coarsely; a second is never too much. benchmarks/attacks.py shows the ratio."""
+
+
+class Fleets:
+    """One fleet for all attacks; another one after it was harmed for good."""
+
+    def __init__(self) -> None:
+        self.fleet: Fleet | None = None
+
+    def get(self) -> Fleet:
+        if self.fleet is None:
+            self.fleet = Fleet(late=("e", "f", "g"), timeout_s=TIMEOUT_S).__enter__()
+        return self.fleet
+
+    def close(self) -> None:
+        if self.fleet is not None:
+            self.fleet.close()
+        self.fleet = None
+
+
+@pytest.fixture(scope="module")
+def fleets() -> Iterator[Fleets]:
+    found = Fleets()
+    yield found
+    found.close()
+
+
+def check(outcome: Outcome) -> None:
+    """What the honest robots are owed."""
+    assert outcome.faults == []
+    assert outcome.lies == []
+    assert outcome.right_s <= RIGHT_S * FACTOR
+    assert outcome.recovered_s <= RECOVERY_S * FACTOR
+    assert outcome.growth_bytes <= GROWTH_BYTES
+    assert max(outcome.under_s) <= max(SLOWEST_S, SLOWER * max(outcome.quiet_s)) * FACTOR
+
+
+@pytest.mark.parametrize("number", ATTACKS, ids=lambda number: f"{number}-{ATTACKS[number].say.__name__}")
+def test_honest_maps_stay_right_and_the_fleet_is_whole_after(number: int, fleets: Fleets) -> None:
+    attack = ATTACKS[number]
+    try:
+        outcome = trial(fleets.get(), attack, seconds=ATTACK_S, rng=np.random.default_rng(number), factor=FACTOR)
+        check(outcome)
+    except BaseException:
+        fleets.close()
+        raise
 
 
 def test_random_bytes_of_strangers_are_counted_and_change_no_map() -> None:

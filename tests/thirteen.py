@@ -1,6 +1,6 @@
 """Thirteen attacks on a fleet over real Zenoh, each as strong as the protocol allows, and what becomes of the fleet.
 
-A stranger needs no key to link, so it hears all: lives, links, digests. What it can't do is to go on in another's chain.
+A stranger needs no key to link, so it hears all: lives, links, digests. What it can't do is go on in another's chain.
 Each attack says its worst until ``Scene.over``; ``trial`` measures the honest robots meanwhile, and after it has left.
 """
 
@@ -53,14 +53,16 @@ def edges_map(edges_yx: np.ndarray) -> VectorMap:
 
 def square(x: int, y: int) -> VectorMap:
     """Four walls."""
-    return edges_map(np.array([(y, x, y, x + 20), (y, x, y + 20, x), (y, x + 20, y + 20, x + 20), (y + 20, x, y + 20, x + 20)]))
+    return edges_map(
+        np.array([(y, x, y, x + 20), (y, x, y + 20, x), (y, x + 20, y + 20, x + 20), (y + 20, x, y + 20, x + 20)])
+    )
 
 
 def crossing(rng: np.random.Generator, squares: int, each: int) -> VectorMap:
     """As many edges as may be in one square, in each of some; they cross all over."""
     parts = []
     for i in range(squares):
-        ends = rng.integers(0, 256, (each, 4)) + [256 * 8, 256 * i, 256 * 8, 256 * i]
+        ends = rng.integers(0, 256, (each, 4)) + np.array([256 * 8, 256 * i, 256 * 8, 256 * i])
         parts.append(ends[(ends[:, 0] < ends[:, 2]) | ((ends[:, 0] == ends[:, 2]) & (ends[:, 1] < ends[:, 3]))])
     return edges_map(np.concatenate(parts))
 
@@ -236,7 +238,7 @@ def unseen(scene: Scene) -> None:
 
 
 def wrong_checks(scene: Scene) -> None:
-    """6: small records that don't fit, under the own name; then large ones under b's very life, to use b's budget up."""
+    """6: small records that don't fit, under the own name; then large ones in b's very life, to use its budget up."""
     voice = Voice(scene, "x6")
     voice.show(**voice.honest())
     voice.commit(submaps={"0": square(4000, 4000)})
@@ -303,7 +305,10 @@ def false_lists(scene: Scene) -> None:
 def many_questions(scene: Scene) -> None:
     """11: 200 questions a second for whole snapshots, of b's and through b."""
     want = {r: envelope.encode(Want(r, Revision(scene.life(r), 0, 0))) for r in ("a", "b")}
-    keys = [(scene.key("b", "snapshot", scene.life("b")), want["b"]), (scene.key("b", "mirror", scene.life("b")), want["a"])]
+    keys = [
+        (scene.key("b", "snapshot", scene.life("b")), want["b"]),
+        (scene.key("b", "mirror", scene.life("b")), want["a"]),
+    ]
     for i in scene.each(0.005):
         key, payload = keys[i % 2]
         scene.stranger.session.get(key, lambda _: None, payload=payload, timeout=1.0)

@@ -135,9 +135,7 @@ class Catchup:
                     del self._late[next(iter(self._late))]
         return vain
 
-    def due(
-        self, now_s: float, holders: Callable[[Key], list[Key]], spoke: Callable[[Key], bool]
-    ) -> list[About]:
+    def due(self, now_s: float, holders: Callable[[Key], list[Key]], spoke: Callable[[Key], bool]) -> list[About]:
         """The questions to send now; ``spoke`` says who has ever spoken."""
         if now_s < self._look_s:
             return []

@@ -791,8 +791,10 @@ class Engine:
         return self._work.of(speaker[0] if known else "")
 
     def _payer(self, key: Key, payload: bytes) -> Budget:
-        """Whose work a record is. Its author's only if its link shows that: else whoever speaks as that author could use
-        its budget up, and it would be heard no more."""
+        """Whose work a record is: its author's only if its link shows that.
+
+        Else whoever speaks as that author could use its budget up, and it would be heard no more.
+        """
         replica, head = self.holdings.replicas.get(key), envelope.record_head(payload)
         if replica is not None and head is not None and replica.is_next(*head):
             return self._budget(key)

@@ -24,8 +24,8 @@ MAX_WAITING_BYTES = 8 << 20
 MAX_DROPPED = 4096
 
 SPARED_S = 5.0
-"""So long what somebody who is there has said stays merged when others forget or supersede it. It says its next revision
-within a second, and what was said of the former one is void: who forgets each of them at once achieves nothing."""
+"""So long what somebody who is there has said stays merged when others forget or supersede it. It says its next
+revision within a second, and what was said of the former one is void: to forget each of them achieves nothing."""
 
 _MASK = (1 << 64) - 1
 

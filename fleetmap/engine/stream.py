@@ -66,8 +66,11 @@ class Stream:
     submaps: Mapping[str, VectorMap] = field(default_factory=dict)
     link: int = 0
     digest: int = field(init=False)
+    edges: int = field(init=False)
+    """Number of edges in all submaps; a peer adds up those of a thousand streams at each word."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", sum(map(len, self.submaps.values())))
         if self.seq == 0:
             object.__setattr__(self, "link", self.life)
         object.__setattr__(self, "digest", _digest(self))
@@ -86,11 +89,6 @@ class Stream:
     def state(self) -> State:
         """(seq, link): what facts of others name it by."""
         return self.seq, self.link
-
-    @property
-    def edges(self) -> int:
-        """Number of edges in all submaps."""
-        return sum(len(vector_map) for vector_map in self.submaps.values())
 
     @property
     def level(self) -> str:
