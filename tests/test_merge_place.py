@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleetmap.merge.arrange import arrange, bands, lower_end_first, unique_edges, unique_points
+from fleetmap.merge.arrange import arrange, lower_end_first, unique_edges, unique_points
 from fleetmap.merge.origin import MAX_REACH
 from fleetmap.merge.place import MAX_LENGTH, Placed, is_closed, pair_cell, split_long, to_fleet
+from fleetmap.merge.tiles import tiles_of_edges
 from fleetmap.merge.verify_planar import check_crossings
 from fleetmap.model.lattice import MAX_COORDINATE, Lattice
 from fleetmap.model.mergedmap import FLEET_UM
@@ -102,7 +103,7 @@ def test_crossings_are_exact_at_the_largest_lengths_and_coordinates(points, sign
     if a == b or c == d:
         return
     lines = lower_end_first(np.array([[*a, *b], [*c, *d]], np.int64))[0]
-    got = {tuple(p) for p in crossings(lines, *bands(lines)[:2]).tolist()}
+    got = {tuple(p) for p in crossings(lines, *tiles_of_edges(lines)).tolist()}
 
     den = (b[1] - a[1]) * (d[0] - c[0]) - (b[0] - a[0]) * (d[1] - c[1])
     expected = set()
@@ -112,6 +113,10 @@ def test_crossings_are_exact_at_the_largest_lengths_and_coordinates(points, sign
         if 0 < t < 1 and 0 < u < 1:
             expected = {tuple(floor(a[k] + t * (b[k] - a[k]) + HALF) for k in range(2))}
     assert got == expected
+
+
+scales = st.sampled_from([1, 17, 32, 101])
+"""All in one tile of the fold, in several, corners on the borders of tiles, far more tiles than edges."""
 
 
 def placed(rows):
@@ -125,10 +130,11 @@ def placed(rows):
 @given(
     st.lists(st.tuples(*[st.integers(0, 25)] * 4), min_size=1, max_size=25).filter(
         lambda rows: any(r[:2] != r[2:] for r in rows)
-    )
+    ),
+    scales,
 )
-def test_pieces_of_the_arrangement_meet_only_at_vertices(rows):
-    source = placed(rows)
+def test_pieces_of_the_arrangement_meet_only_at_vertices(rows, scale):
+    source = placed(np.array(rows) * scale - 8 * scale)
     pieces = arrange([source]).ends
     assert list(check_crossings([tuple(r) for r in pieces.tolist()])) == []
     # Every vertex that was there still is, and nothing lies farther off than a pixel reaches.
@@ -137,13 +143,14 @@ def test_pieces_of_the_arrangement_meet_only_at_vertices(rows):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.lists(st.tuples(*[st.integers(0, 15)] * 2), min_size=3, max_size=6), min_size=1, max_size=3))
-def test_windings_are_kept_and_free_sides_are_those_of_a_brute_force_ray(polygons):
+@given(st.lists(st.lists(st.tuples(*[st.integers(0, 15)] * 2), min_size=3, max_size=6), min_size=1, max_size=3), scales)
+def test_windings_are_kept_and_free_sides_are_those_of_a_brute_force_ray(polygons, scale):
     from fleetmap.merge.faces import side_states
 
     sources = []
     for polygon in polygons:
-        source = placed([[*a, *b] for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True)])
+        corners = [(y * scale - 5 * scale, x * scale - 9 * scale) for y, x in polygon]
+        source = placed([[*a, *b] for a, b in zip(corners, corners[1:] + corners[:1], strict=True)])
         if len(source.ends):
             sources.append(source)
     if not sources:

@@ -13,15 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.merge.place import Placed
+from fleetmap.merge.tiles import tiles_of_edges, tiles_of_points
 from fleetmap.model.lattice import MAX_COORDINATE
-
-BAND_SHIFT = 6
-"""A band of y is 64 lattice steps (0.32 m) high: about the height of an edge of a real map."""
-
-FEW_CROSSINGS = 1 << 14
-"""So many crossings are always affordable."""
-MANY_SOURCES = 64
-"""Sources beyond these don't make more crossings affordable."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,12 +55,11 @@ def arrange(sources: list[Placed]) -> Arrangement:
     ends, turned = lower_end_first(ends)
 
     # 2. Hot pixels: the vertices, and where two edges cross.
-    start, items, _ = bands(ends)
-    hot = unique_points(np.concatenate([ends.reshape(-1, 2), crossings(ends, start, items)]))
+    hot = unique_points(np.concatenate([ends.reshape(-1, 2), crossings(ends, *tiles_of_edges(ends))]))
 
     # 3. Lead every edge through them. Within one row of pixels a piece may run against x, and so from its
     #    upper end.
-    routed, edge = route(ends, hot)
+    routed, edge = route(ends, hot, *tiles_of_points(hot))
     routed, against = lower_end_first(routed)
     turned = turned[edge] ^ against
 
@@ -86,44 +78,6 @@ def arrange(sources: list[Placed]) -> Arrangement:
     wall_right[piece[wall & ~turned]] = True
     first, source, winding = _windings(len(pieces), piece, owner[edge], np.where(turned, -winds, winds))
     return Arrangement(pieces, wall_left, wall_right, thickness, cell, rank, first, source, winding, len(sources))
-
-
-def affordable(sources: list[Placed]) -> list[Placed]:
-    """The sources without those whose edges cross so many others that no real map can be the cause.
-
-    Two combs of n teeth cross in n^2 points: a few kB from another robot would take all memory. Maps of the
-    same walls cross about once an edge and source. While there are more crossings than that, the source with the
-    most of them goes; of two, the one with fewer edges. Equal sources in equal order lose the same ones.
-    """
-    from fleetmap.merge.arrange_kernels import count_crossings
-
-    kept = list(sources)
-    while kept:
-        ends, _ = lower_end_first(np.concatenate([s.ends for s in kept]))
-        if len(ends) == 0:
-            break
-        owner = np.repeat(np.arange(len(kept)), [len(s.ends) for s in kept])
-        most = FEW_CROSSINGS + len(ends) * (1 + min(len(kept), MANY_SOURCES))
-        start, items, _ = bands(ends)
-        counts = count_crossings(ends, owner, start, items, len(kept), most)
-        if counts.sum() <= 2 * most:
-            break
-        del kept[max(range(len(kept)), key=lambda i: (counts[i], -len(kept[i].ends), i))]
-    return kept
-
-
-def bands(ends: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-    """Edges (n, 4), lower end first, by bands of y: (start, items, lowest y), see ``band_index``.
-
-    Within a band they ascend by their least x, so that a search can stop early.
-    """
-    from fleetmap.merge.arrange_kernels import band_index
-
-    order = np.argsort(np.minimum(ends[:, 1], ends[:, 3]), kind="stable")
-    y0, y1 = ends[order, 0], ends[order, 2]
-    low = int(y0.min())
-    start, items = band_index(y0, y1, low, BAND_SHIFT, ((int(y1.max()) - low) >> BAND_SHIFT) + 1)
-    return start, order[items], low
 
 
 def lower_end_first(ends: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

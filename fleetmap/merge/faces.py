@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.merge.arrange import BAND_SHIFT, Arrangement, bands
+from fleetmap.merge.arrange import Arrangement
+from fleetmap.merge.tiles import keys_of, tiles_of_edges
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 
 
@@ -16,10 +17,14 @@ def side_states(arrangement: Arrangement) -> tuple[NDArray[np.int64], NDArray[np
     puts a wall there, or UNKNOWN: within one face that isn't free the two may stand side by side.
     """
     from fleetmap.merge.arrange_kernels import free_sides
+    from fleetmap.model.sort_kernels import order_of
 
     a = arrangement
-    start, items, low = bands(a.ends)
-    free_left, free_right = free_sides(a.ends, a.first, a.source, a.winding, start, items, low, BAND_SHIFT, a.n_sources)
+    tiles = tiles_of_edges(a.ends)
+    keys = keys_of((a.ends[:, :2] + a.ends[:, 2:]) >> 1)
+    middles = order_of(keys)
+    first_middle = np.searchsorted(keys[middles], np.append(tiles.keys, np.iinfo(np.int64).max))
+    free_left, free_right = free_sides(a.ends, a.first, a.source, a.winding, *tiles, middles, first_middle, a.n_sources)
     left = np.where(free_left, FREE, np.where(a.wall_left, OCCUPIED, UNKNOWN))
     right = np.where(free_right, FREE, np.where(a.wall_right, OCCUPIED, UNKNOWN))
     return left, right

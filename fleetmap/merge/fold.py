@@ -9,19 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 
-from fleetmap.merge.arrange import affordable, arrange
+from fleetmap.merge.afford import TOO_MUCH, Candidate, choose, weighed
+from fleetmap.merge.arrange import arrange
 from fleetmap.merge.faces import side_states
-from fleetmap.merge.origin import MAX_REACH, Box, choose_origin, too_far
-from fleetmap.merge.place import Placed, place
+from fleetmap.merge.origin import MAX_REACH, choose_origin, too_far
+from fleetmap.merge.place import Placed
 from fleetmap.merge.protocol import Frame, Source
 from fleetmap.merge.select import select
 from fleetmap.merge.simplify import simplify
 from fleetmap.merge.snap import snap
-from fleetmap.model.errors import MapFormatError
 from fleetmap.model.mergedmap import FLEET_UM, MergedMap
 
 SNAP_CELLS = 1
@@ -47,10 +46,10 @@ def fold(sources: Iterable[Source]) -> MergedMap:
     MergedMap : its ``tolerance`` bounds what laws 3 to 5 allow: how far a wall may have moved; its ``left_out`` says
         which sources were left out, and why
     """
-    # 1. Onto the fleet lattice, free space to the left; sorted by content, each content once.
+    # 1. Onto the fleet lattice, free space to the left; sorted by content, each content once. What would hold up all
+    # others is left out (``afford``).
     found = canonical(sources)
-    placed = affordable(found.placed)
-    left_out = found.left_out_but(placed)
+    placed, left_out = found.placed, found.left_out
     if sum(len(p.ends) for p in placed) == 0:
         return MergedMap(np.zeros((0, 8), np.int32), left_out=left_out)
     cells = [p.cell for p in placed]
@@ -97,40 +96,30 @@ class Canonical:
     placed : on the lattice, each content once, in the order of their content (laws 1 and 2)
     frames : whose they are
     origin : (y, x) lattice steps from (0, 0), where their coordinates begin
-    left_out : (frame, reason) of those that can't be placed
+    left_out : (frame, reason) of those that can't be placed, or that there is no room for, ascending
     """
 
     placed: list[Placed]
     frames: list[list[Frame]]
     origin: tuple[int, int]
-    left_out: list[tuple[Frame, str]]
-
-    def left_out_but(self, kept: list[Placed]) -> tuple[tuple[Frame, str], ...]:
-        """All that is left out if of ``placed`` only some are kept, ascending."""
-        reason = "edges: they cross so many others that no real map can be the cause"
-        those = {id(placed) for placed in kept}
-        frames = chain(*(f for placed, f in zip(self.placed, self.frames, strict=True) if id(placed) not in those))
-        return tuple(sorted({*self.left_out, *((frame, reason) for frame in frames)}))
+    left_out: tuple[tuple[Frame, str], ...]
 
 
 def canonical(sources: Iterable[Source]) -> Canonical:
-    """Place the sources and choose the origin of the lattice."""
-    each: list[tuple[Frame, Placed, Box | None]] = []
-    left_out = []
-    for source in sources:
-        try:
-            placed = place(source)
-        except MapFormatError as error:
-            left_out.append((source.frame, f"{error.field}: {error.reason}"))
-        else:
-            each.append((source.frame, placed, placed.box()))
-    origin = choose_origin((frame, box) for frame, _, box in each if box is not None)
-    by_content: dict[bytes, tuple[Placed, list[Frame]]] = {}
-    for frame, placed, box in each:
+    """Place the sources that there is room for, and choose the origin of the lattice."""
+    candidates, left_out = weighed(sources)
+    origin = choose_origin((c.source.frame, c.weight.box) for c in candidates if c.weight.box is not None)
+    by_content: dict[bytes, Candidate] = {}
+    for candidate in candidates:
+        box, frame = candidate.weight.box, candidate.source.frame
         if box is not None and box.reach(origin) > MAX_REACH:
             left_out.append((frame, too_far(box, origin)))
-        else:
-            placed = placed.seen_from(origin)
-            by_content.setdefault(placed.content(), (placed, []))[1].append(frame)
-    order = sorted(by_content)
-    return Canonical([by_content[k][0] for k in order], [by_content[k][1] for k in order], origin, left_out)
+        elif (known := by_content.setdefault(candidate.weight.content, candidate)) is not candidate:
+            known.frames.append(frame)
+    taken = choose(list(by_content.values())).taken
+    for candidate in taken:
+        del by_content[candidate.weight.content]
+    left_out += [(frame, TOO_MUCH) for candidate in by_content.values() for frame in candidate.frames]
+    each = [(candidate.place().seen_from(origin), candidate.frames) for candidate in taken]
+    each.sort(key=lambda pair: pair[0].content())
+    return Canonical([p for p, _ in each], [f for _, f in each], origin, tuple(sorted(set(left_out))))

@@ -25,6 +25,9 @@ MAX_LENGTH = 1 << 16
 
 NOT_CLOSED = "the boundary of free space is not closed, so that no side of it can be told to be free"
 
+MAX_TOTAL_LENGTH = 1 << 26
+"""Edges of one source together, by their longer sides, in lattice steps (336 km): a bound for the tiles they pass."""
+
 MAX_THICKNESS = 1 << 14
 """Deepest wall, in lattice steps (82 m): a bound for what another robot may claim."""
 
@@ -72,8 +75,9 @@ def place(source: Source) -> Placed:
 
     Raises
     ------
-    MapFormatError : its pose is out of bounds, it extends more than ``MAX_EXTENT`` steps along an axis, or its free
-        boundary is not closed, so that no side of it can be told to be free
+    MapFormatError : its pose is out of bounds, it extends more than ``MAX_EXTENT`` steps along an axis, its edges are
+        longer in all than ``MAX_TOTAL_LENGTH``, or its free boundary is not closed, so that no side of it can be told
+        to be free
     """
     vector_map = source.vector_map
     lattice = vector_map.lattice
@@ -86,6 +90,9 @@ def place(source: Source) -> Placed:
         raise _refuse(source, "edges", f"extends {in_metres(extent)}; at most {in_metres(MAX_EXTENT)}")
 
     ends, winds, wall = directed(points.reshape(-1, 4), rows[:, 4])
+    if (length := int(np.abs(ends[:, 2:] - ends[:, :2]).max(axis=1, initial=0).sum())) > MAX_TOTAL_LENGTH:
+        reason = f"{length * FLEET_UM // 10**9} km long together; at most {MAX_TOTAL_LENGTH * FLEET_UM // 10**9} km"
+        raise _refuse(source, "edges", reason)
     if not is_closed(ends[winds == 1]):
         raise _refuse(source, "edges", NOT_CLOSED)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.merge.arrange import BAND_SHIFT, Arrangement, bands
+from fleetmap.merge.arrange import Arrangement
 from fleetmap.merge.bridge import bridges
+from fleetmap.merge.tiles import levels_of, tiles_of_edges
 from fleetmap.model.lattice import FREE, OCCUPIED
 
 
@@ -69,9 +70,9 @@ def _second_sights(
     out = np.zeros(len(a.ends), bool)
     part = np.flatnonzero(among)
     if len(part):
-        ends, rank = a.ends[part], rank[part]
-        start, items, low = bands(ends)
+        ends, rank, cell = a.ends[part], rank[part], a.cell[part]
         order = np.argsort(rank, kind="stable")
-        cell, facing = a.cell[part], faces[part]
-        out[part] = explained(ends, facing, rank, cell, order, start, items, low, BAND_SHIFT, reach_cells)
+        level = levels_of(cell)
+        tiles = tiles_of_edges(ends, level)
+        out[part] = explained(ends, faces[part], rank, cell, order, np.unique(level), *tiles, reach_cells)
     return out

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.merge import place
+from fleetmap.merge.tile_kernels import columns_in_row, first_from, tile_key
+from fleetmap.merge.tiles import LEVEL_CELL, SHIFT
 from fleetmap.model.kernel import kernel
 
 Ints = NDArray[np.int64]
@@ -35,33 +37,75 @@ def within(py: int, px: int, ay: int, ax: int, by: int, bx: int, reach: int) -> 
     return cross <= reach * (abs(dx) + abs(dy)) and cross * cross <= reach * reach * length2
 
 
-@kernel("boolean(int64[:, ::1], int64[::1], int64[::1], int64, int64)")
-def covered(ends: Ints, near: Ints, reach: Ints, n_near: int, i: int) -> bool:
-    """Whether edge i lies within ``reach[k]`` of the edges ``near[k]``, k < n_near.
+@kernel(
+    "int64(int64[:, ::1], int64[::1], int64[::1], int64[::1], boolean[::1], int64[::1], int64[::1], int64[::1],"
+    " int64[::1], int64, int64, int64, int64, int64, int64, int64, int64[::1], int64, int64[::1], int64[::1])",
+)
+def gather(
+    ends: Ints,
+    faces: Ints,
+    rank: Ints,
+    cell: Ints,
+    gone: NDArray[np.bool_],
+    levels: Ints,
+    keys: Ints,
+    start: Ints,
+    items: Ints,
+    reach_cells: int,
+    i: int,
+    bit: int,
+    ay: int,
+    ax: int,
+    by: int,
+    bx: int,
+    seen: Ints,
+    mark: int,
+    near: Ints,
+    near_reach: Ints,
+) -> int:
+    """How many walls may explain the part a to b, ay <= by, of edge i on a side; they are put into ``near``.
 
-    Tested at points at most ``spacing`` apart, rounded to the lattice; what the spacing and the rounding may
-    hide is taken off the reach.
+    ``seen``: by which search each edge was met last; ``mark`` is this one's number.
     """
-    spacing = max(1, reach[:n_near].min() // 4) if n_near else 1
-    ay, ax, by, bx = ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3]
-    parts = max(1, (abs(by - ay) + abs(bx - ax) + spacing - 1) // spacing)
-    for k in range(parts + 1):
-        py = ay + (2 * (by - ay) * k + parts) // (2 * parts)
-        px = ax + (2 * (bx - ax) * k + parts) // (2 * parts)
-        found = False
-        for m in range(n_near):
-            j = near[m]
-            if within(py, px, ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3], reach[m] - spacing // 2 - 1):
-                found = True
-                break
-        if not found:
-            return False
-    return True
+    dy, dx = ends[i, 2] - ends[i, 0], ends[i, 3] - ends[i, 1]
+    x_low, x_high = min(ax, bx), max(ax, bx)
+    n = 0
+    for level in levels:
+        shift = SHIFT + level
+        far = max(1, reach_cells * pair_cell(cell[i], LEVEL_CELL << level))
+        for row in range((ay - far) >> shift, ((by + far) >> shift) + 1):
+            first, last = columns_in_row(ay, ax, by, bx, row, far, shift)
+            t, beyond = first_from(keys, tile_key(level, row, first)), tile_key(level, row, last)
+            while t < len(keys) and keys[t] <= beyond:
+                for k in range(start[t], start[t + 1]):
+                    j = items[k]
+                    if rank[j] >= rank[i] or gone[j] or seen[j] == mark:
+                        continue
+                    cy, cx, ey, ex = ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3]
+                    if min(cx, ex) > x_high + far:
+                        break
+                    reach = reach_cells * pair_cell(cell[i], cell[j])
+                    if max(cx, ex) < x_low - reach or min(cx, ex) > x_high + reach:
+                        continue
+                    if cy > by + reach or ey < ay - reach:
+                        continue
+                    seen[j] = mark
+                    # Along j within 63 degrees (tangent 2) and seen from the same side, or against it with sides
+                    # swapped. A wall that ends at another, square to it, is no second sight of that.
+                    dot = dy * (ey - cy) + dx * (ex - cx)
+                    if abs(dx * (ey - cy) - dy * (ex - cx)) > 2 * abs(dot):
+                        continue
+                    if (dot > 0 and faces[j] & bit != 0) or (dot < 0 and faces[j] & (3 - bit) != 0):
+                        near[n] = j
+                        near_reach[n] = reach
+                        n += 1
+                t += 1
+    return n
 
 
 @kernel(
-    "boolean[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64,"
-    " int64, int64)",
+    "boolean[::1](int64[:, ::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64[::1],"
+    " int64[::1], int64)",
 )
 def explained(
     ends: Ints,
@@ -69,55 +113,74 @@ def explained(
     rank: Ints,
     cell: Ints,
     order: Ints,
+    levels: Ints,
+    keys: Ints,
     start: Ints,
     items: Ints,
-    low: int,
-    shift: int,
     reach_cells: int,
 ) -> NDArray[np.bool_]:
     """Which walls lie within reach of walls that stay, have a lower rank and face the same way.
 
     The reach of two walls is ``reach_cells`` cells, see ``pair_cell``. ``faces``: bit 0, the wall is seen from
     its left; bit 1, from its right. A wall seen from both must be explained on both. ``order`` visits the walls
-    by ascending rank, so that only what stays explains.
+    by ascending rank, so that only what stays explains. ``keys``, ``start``, ``items``: ``Tiles`` of the walls, each
+    in its level; ``levels`` are those that there are.
+
+    An edge is tested at points at most ``spacing`` apart, rounded to the lattice; what the spacing and the rounding
+    may hide is taken off the reach. A long one is tested part by part, so that each point is held against what lies
+    near it, and not against all that lies along the edge.
     """
     gone = np.zeros(len(ends), np.bool_)
     near = np.empty(len(ends), np.int64)
     near_reach = np.empty(len(ends), np.int64)
+    seen = np.full(len(ends), -1)
+    mark = 0
     for i in order:
         if rank[i] < 0:
             continue
         ay, ax, by, bx = ends[i, 0], ends[i, 1], ends[i, 2], ends[i, 3]
-        reach = 2 * reach_cells * cell[i]
-        x_low, x_high = min(ax, bx) - reach, max(ax, bx) + reach
-        first = max(0, (ay - reach - low) >> shift)
-        last = min(len(start) - 2, (by + reach - low) >> shift)
         known = True
         for bit in (1, 2):
             if faces[i] & bit == 0:
                 continue
-            n = 0
-            for b in range(first, last + 1):
-                for k in range(start[b], start[b + 1]):
-                    j = items[k]
-                    cy, cx, ey, ex = ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3]
-                    if min(cx, ex) > x_high:
-                        break
-                    if max(cx, ex) < x_low or cy > by + reach or ey < ay - reach:
-                        continue
-                    if rank[j] >= rank[i] or gone[j] or (b > first and (cy - low) >> shift < b):
-                        continue  # the last: met in the band before
-                    # Along j within 63 degrees (tangent 2) and seen from the same side, or against it with sides
-                    # swapped. A wall that ends at another, square to it, is no second sight of that.
-                    dot = (by - ay) * (ey - cy) + (bx - ax) * (ex - cx)
-                    if abs((bx - ax) * (ey - cy) - (by - ay) * (ex - cx)) > 2 * abs(dot):
-                        continue
-                    if (dot > 0 and faces[j] & bit != 0) or (dot < 0 and faces[j] & (3 - bit) != 0):
-                        near[n] = j
-                        near_reach[n] = reach_cells * pair_cell(cell[i], cell[j])
-                        n += 1
-            if not covered(ends, near, near_reach, n, i):
+            n = gather(
+                ends, faces, rank, cell, gone, levels, keys, start, items, reach_cells, i, bit, ay, ax, by, bx,
+                seen, mark, near, near_reach,
+            )  # fmt: skip
+            mark += 1
+            if n == 0:
                 known = False
+                break
+            spacing = max(1, near_reach[:n].min() // 4)
+            parts = max(1, (abs(by - ay) + abs(bx - ax) + spacing - 1) // spacing)
+            at_once = max(1, (1 << SHIFT) // spacing)
+            here = 0
+            for k in range(parts + 1):
+                py = ay + (2 * (by - ay) * k + parts) // (2 * parts)
+                px = ax + (2 * (bx - ax) * k + parts) // (2 * parts)
+                if parts > 2 * at_once and k % at_once == 0:
+                    to = min(parts, k + at_once)
+                    qy = ay + (2 * (by - ay) * to + parts) // (2 * parts)
+                    qx = ax + (2 * (bx - ax) * to + parts) // (2 * parts)
+                    n = gather(
+                        ends, faces, rank, cell, gone, levels, keys, start, items, reach_cells, i, bit, py, px, qy, qx,
+                        seen, mark, near, near_reach,
+                    )  # fmt: skip
+                    mark += 1
+                    here = 0
+                # Along the edge, what explains one point mostly explains the next.
+                found = -1
+                for m in range(n):
+                    q = here + m if here + m < n else here + m - n
+                    j = near[q]
+                    if within(py, px, ends[j, 0], ends[j, 1], ends[j, 2], ends[j, 3], near_reach[q] - spacing // 2 - 1):
+                        found = q
+                        break
+                if found < 0:
+                    known = False
+                    break
+                here = found
+            if not known:
                 break
         gone[i] = known
     return gone

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.merge.arrange import lower_end_first, pack, unpack
+from fleetmap.merge.tiles import tiles_of_points
 from fleetmap.model.mergedmap import LEFT, OBSTACLE, RIGHT, THICKNESS
 
 
@@ -41,7 +42,8 @@ def simplify(rows: NDArray[np.int64], *, slack: int, depth_slack: int) -> NDArra
     step_at = np.zeros(len(points), np.int64)
     step_at[starts] = steps
     depth = rows[step_at, THICKNESS]
-    keep = simplify_chains(at, points, offsets, depth, _anchors(at, points, offsets), slack, depth_slack)
+    anchors = _anchors(at, points, offsets)
+    keep = simplify_chains(at, points, offsets, depth, anchors, slack, depth_slack, *tiles_of_points(at))
 
     a, b = keep[:-1], keep[1:]
     inside = starts[a]  # from the last position of a chain to the first of the next is no edge
@@ -63,22 +65,19 @@ def _anchors(at: NDArray[np.int64], points: NDArray[np.int64], offsets: NDArray[
     A closed chain is taken as two, cut at its vertex farthest from the start. Each of several chains between
     the same vertices keeps its vertex farthest from the line between them, if it has any.
     """
+    from fleetmap.merge.simplify_kernels import farthest
+
     anchor = np.zeros(len(points), bool)
-    first, last = offsets[:-1], offsets[1:] - 1
-    closed = points[first] == points[last]
-    spans = np.column_stack([first, last])[~closed].tolist()
-    for i, j in np.column_stack([first, last])[closed].tolist():
-        offset = at[points[i:j]] - at[points[i]]
-        middle = i + int(np.argmax((offset * offset).sum(axis=1)))
-        anchor[middle] = True
-        spans += [(i, middle), (middle, j)]
-    ends = points[np.array(spans)]
+    spans = np.column_stack([offsets[:-1], offsets[1:] - 1])
+    closed = points[spans[:, 0]] == points[spans[:, 1]]
+    middles = farthest(at, points, np.ascontiguousarray(spans[closed]))
+    anchor[middles] = True
+    first, last = spans[closed].T
+    halves = np.column_stack([first, middles]), np.column_stack([middles, last])
+    spans = np.concatenate([spans[~closed], *halves])
+    ends = points[spans]
     keys = ends.min(axis=1) * len(at) + ends.max(axis=1)
     _, which, count = np.unique(keys, return_inverse=True, return_counts=True)
-    for k in np.flatnonzero(count[which] > 1).tolist():
-        i, j = spans[k]
-        if j - i >= 2:
-            d = at[points[j]] - at[points[i]]
-            offset = at[points[i + 1 : j]] - at[points[i]]
-            anchor[i + 1 + int(np.argmax(np.abs(d[1] * offset[:, 0] - d[0] * offset[:, 1])))] = True
+    several = (count[which] > 1) & (spans[:, 1] - spans[:, 0] >= 2)
+    anchor[farthest(at, points, np.ascontiguousarray(spans[several]))] = True
     return anchor

@@ -15,6 +15,7 @@ import numpy as np
 
 from fleetmap.merge.arrange import pack, unpack
 from fleetmap.merge.place import Placed
+from fleetmap.merge.tiles import levels_of, tiles_of_points
 
 
 def snap(sources: list[Placed], *, reach_cells: int) -> list[Placed]:
@@ -39,7 +40,9 @@ def snap(sources: list[Placed], *, reach_cells: int) -> list[Placed]:
     np.add.at(tangent, vertex, np.repeat(ends[:, 2:] - ends[:, :2], 2, axis=0))
 
     # 2. Vertices onto vertices: the nearest pairs first, ties by place.
-    pairs = close_pairs(at, source, tangent, cell, reach_cells)
+    level = levels_of(cell)
+    levels = np.unique(level)
+    pairs = close_pairs(at, source, tangent, cell, levels, *tiles_of_points(at, level[source]), reach_cells)
     pairs = pairs[np.lexsort(pairs.T[::-1])]
     moved = at[stars(pairs, source)]
     after = np.ascontiguousarray(moved[vertex].reshape(-1, 4))
@@ -48,8 +51,10 @@ def snap(sources: list[Placed], *, reach_cells: int) -> list[Placed]:
     by_place = np.lexsort((source, pack(moved)))
     places, first = np.unique(pack(moved[by_place]), return_index=True)
     first = np.append(first, len(by_place))
+    at, source, tangent = unpack(places), source[by_place], tangent[by_place]
+    coarsest = np.maximum.reduceat(level[source], first[:-1])  # of the vertices that share a place
     pieces, edge = through_vertices(
-        ends, after, owner, unpack(places), first, source[by_place], tangent[by_place], cell, reach_cells
+        ends, after, owner, at, first, source, tangent, cell, levels, *tiles_of_points(at, coarsest), reach_cells
     )
 
     start = np.searchsorted(owner[edge], np.arange(len(sources) + 1))
