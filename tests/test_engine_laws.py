@@ -59,6 +59,7 @@ def test_whatever_way_a_stream_comes_it_has_one_digest(tmp_path) -> None:
     for listener, asked, kind in ((by_snapshot, author, "snapshot"), (by_mirror, by_snapshot, "mirror")):
         meet(listener, asked)
         rows = envelope.encode(RevisionList(((author.robot, author.own.revision),)))
+        listener.tick(0.0)
         for ask in asks(listener, "revisions"):
             reply(listener, ask, rows)
         listener.tick(1.0)
@@ -149,6 +150,7 @@ def test_what_was_heard_from_its_author_no_mirror_replaces_and_none_blocks() -> 
     tell(me, author, *heard)
     meet(me, mirror)
     forged = Stream("r", author.own.life, author.own.seq, author.own.facts, {"0": rooms(9)}, author.own.link)
+    me.tick(0.0)
     (ask,) = asks(me, "revisions")
     reply(me, ask, envelope.encode(RevisionList((("r", forged.revision),))))
     for now_s in (0.2, 0.5, 1.0):
@@ -262,6 +264,7 @@ def test_a_peer_that_has_more_than_a_part_of_an_answer_gets_the_rest_of_the_same
     author.publish("0", scattered(8000))
     said(author)
     meet(me, author)
+    me.tick(0.0)
     (ask,) = asks(me, "revisions")
     reply(me, ask, *query(author, "revisions", b""))
     parts = 0
