@@ -12,13 +12,13 @@ from fleetmap.model.vectormap import VectorMap
 SQUARE_BITS = 8
 """A square has 256 x 256 cells of the map's own lattice."""
 
-MAX_EDGES = 80_000
-"""Edges of one map. The largest of 21 real maps has 13 426 in the profile ``share`` (a floor of 93 x 63 m at 5 cm) and
-16 623 in ``full``. (``exact`` takes up to 101 598.) Salt on 5 % of all cells
-of a generated office of 40 x 40 m gives 69 197."""
+MAX_EDGES = 160_000
+"""Edges of one map. The largest of 21 real maps has 13 426 in the profile ``share`` (a floor of 93 x 63 m at 5 cm),
+16 623 in ``full``, and 101 598 in ``exact``. Salt on 5 % of all cells of a generated office of 40 x 40 m gives 69 197.
+"""
 
-MAX_EDGES_IN_SQUARE = 8_192
-"""Edges in one square. The most in a real map are 1452 in ``share`` and 1738 in ``full`` (16 897 in ``exact``); salt on
+MAX_EDGES_IN_SQUARE = 20_000
+"""Edges in one square. The most in a real map are 1452 in ``share``, 1738 in ``full`` and 16 897 in ``exact``; salt on
 5 % of all cells of a generated office gives 7219."""
 
 
