@@ -6,15 +6,18 @@ import asyncio
 import os
 import socket
 import sys
+import threading
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+from attacks import Stranger
 from exchange import room
 
 import fleetmap
 from fleetmap.model.pose import Pose2
 from fleetmap.peer import Peer
+from fleetmap.peer.zenoh_link import living_keys
 
 TIMEOUT_S = 20.0 * float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
 
@@ -227,3 +230,21 @@ async def test_synced_says_what_is_missing(endpoint: str) -> None:
 def test_an_impossible_option_is_named(option: str, value: object) -> None:
     with pytest.raises(fleetmap.ConfigError, match=option):
         fleetmap.join(**{"robot": "a", option: value})  # type: ignore[arg-type]
+
+
+def test_a_look_at_a_thousand_tokens_ends(endpoint: str) -> None:
+    with Stranger(listen=[endpoint]) as stranger, Stranger(connect=[endpoint], timeout_s=TIMEOUT_S) as who_looks:
+        for i in range(1000):
+            stranger.token(f"fleetmap/many/x{i}/alive/{i:016x}")
+        who_looks.listen_to("fleetmap/many/**")
+        who_looks.until(lambda: len(who_looks.alive) == 1000)
+        found: list[str] = []
+
+        def look() -> None:
+            found.extend(living_keys(who_looks.session, "fleetmap/many/*/alive/**", timeout_s=TIMEOUT_S))
+
+        # A daemon: one that never ended would hold up the end of the tests, too.
+        looking = threading.Thread(target=look, daemon=True)
+        looking.start()
+        looking.join(TIMEOUT_S)
+        assert set(found) == who_looks.alive

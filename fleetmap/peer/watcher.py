@@ -22,7 +22,7 @@ from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
 from fleetmap.peer.endings import enter_zenoh
 from fleetmap.peer.profiles import as_json5, zenoh_settings
-from fleetmap.peer.zenoh_link import parse_key, parse_token
+from fleetmap.peer.zenoh_link import living_keys, parse_key, parse_token
 
 ASK_TIMEOUT_S = 2.0
 MAX_ROBOTS = 512
@@ -114,8 +114,8 @@ class Watcher:
             return [], []
 
         def ask() -> tuple[list[str], list[str]]:
-            tokens = session.liveliness().get("fleetmap/*/*/alive/**", timeout=ASK_TIMEOUT_S)
-            fleets = {str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None}
+            keys = living_keys(session, "fleetmap/*/*/alive/**", timeout_s=ASK_TIMEOUT_S)
+            fleets = {key.split("/")[1] for key in keys}
             named = sorted(name for name in fleets if NAME.fullmatch(name))
             return sorted({link.dst for link in session.info.links()}), named[:MAX_ROBOTS]
 
@@ -125,9 +125,8 @@ class Watcher:
             return [], []
 
     def _look(self, session: zenoh.Session) -> list[Seen]:
-        tokens = session.liveliness().get(f"fleetmap/{self.fleet}/*/alive/**", timeout=ASK_TIMEOUT_S)
-        found = [parse_token(str(reply.ok.key_expr)) for reply in tokens if reply.ok is not None]
-        living = {token[0] for token in found if token is not None}
+        keys = living_keys(session, f"fleetmap/{self.fleet}/*/alive/**", timeout_s=ASK_TIMEOUT_S)
+        living = {token[0] for token in map(parse_token, keys) if token is not None}
         told: dict[str, tuple[StatsMessage, str, int]] = {}
         self.questions.add(0)
         replies = session.get(

@@ -44,6 +44,8 @@ DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 PLAIN_KINDS = ("digest", "pose", "goal")
 ASKED_KINDS = ("snapshot", "mirror", "revisions", "stats")
+MAX_LOOKED_AT = 16_384
+"""Tokens that a look at all of them finds."""
 MAX_SEEN = 4096
 """Tokens that are remembered, to say that they vanished when the session is opened anew."""
 
@@ -341,9 +343,8 @@ class ZenohLink:
         return config
 
     def _living(self, session: zenoh.Session) -> list[Token]:
-        replies = session.liveliness().get(f"{self._fleet}/*/alive/**", timeout=DISCOVERY_TIMEOUT_S)
-        tokens = [parse_token(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
-        return [token for token in tokens if token is not None]
+        keys = living_keys(session, f"{self._fleet}/*/alive/**", timeout_s=DISCOVERY_TIMEOUT_S)
+        return [token for token in map(parse_token, keys) if token is not None]
 
     @_entering_zenoh
     def _reply(self, asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:
@@ -379,6 +380,24 @@ class Publisher(Declared, Protocol):
 
     def put(self, payload: bytes) -> None:
         """Publish."""
+
+
+def living_keys(session: zenoh.Session, selector: str, *, timeout_s: float) -> list[str]:
+    """The liveliness keys that are shown now.
+
+    Zenoh's own queue of replies holds 256, and what a session knows already comes before ``get`` returns: with more
+    tokens than that nobody would ever take one out.
+    """
+    found: list[str] = []
+    ended = threading.Event()
+
+    def take(reply: zenoh.Reply) -> None:
+        if reply.ok is not None and len(found) < MAX_LOOKED_AT:
+            found.append(str(reply.ok.key_expr))
+
+    session.liveliness().get(selector, zenoh.handlers.Callback(take, ended.set), timeout=timeout_s)
+    ended.wait(2 * timeout_s)
+    return list(found)
 
 
 def parse_key(key: str) -> tuple[str, str, int] | None:
