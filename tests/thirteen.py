@@ -39,6 +39,9 @@ from fleetmap.model.vectormap import VectorMap
 
 RIGHT_S, RECOVERY_S = 5.0, 10.0
 GROWTH_BYTES = 64 << 20
+MIRRORS = 3
+"""Names of lying mirrors, of which all but one tell the same lie. Who has heard the author can't be outvoted. Who comes
+later can, by more names than hold the truth, as long as they are there; ``synced`` says that it is disputed."""
 CONTEST_S = 1.0
 """A robot whose own word is doubted speaks again at most so often."""
 LATTICE = Lattice(50_000)
@@ -212,7 +215,7 @@ def forged(scene: Scene) -> None:
 
 
 def lying_mirror(scene: Scene) -> None:
-    """4: of an absent b, five mirrors hold later revisions, and another one of its last seq, which they show."""
+    """4: of an absent b, mirrors hold later revisions, and another one of its last seq, which they show."""
     said = scene.last_word("b")
     robot, life = "b", scene.life("b")
     scene.fleet.kill("b")
@@ -220,9 +223,9 @@ def lying_mirror(scene: Scene) -> None:
     later = Revision(life, said.seq + 50, 7)
     forged_chunks = snapshot_messages(lie)
     ahead = snapshot_messages(Stream(robot, life, said.seq + 50, submaps=lie.submaps, link=5))
-    voices = [Voice(scene, f"x4{i}") for i in range(5)]
+    voices = [Voice(scene, f"x4{i}") for i in range(MIRRORS)]
     for i, voice in enumerate(voices):
-        row, chunks = (later, ahead) if i == 4 else (lie.revision, forged_chunks)
+        row, chunks = (later, ahead) if i == MIRRORS - 1 else (lie.revision, forged_chunks)
         listed = voice.list_of([(robot, row)])
         voice.show(revisions=lambda _, listed=listed: [listed], mirror=lambda _, chunks=chunks: chunks)
     for _ in scene.each(0.5):
@@ -457,7 +460,7 @@ def trial(fleet: Fleet, attack: Attack, *, seconds: float, rng: np.random.Genera
         whole: list[str] = ["?"]
 
         def recovered() -> bool:
-            whole[:] = fleet.unseen() or fleet.wrong() or fleet.missing(timeout_s=0.5)
+            whole[:] = fleet.unseen() or fleet.wrong() or fleet.missing(timeout_s=RIGHT_S)
             return not whole
 
         try:
