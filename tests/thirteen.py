@@ -39,9 +39,10 @@ from fleetmap.model.vectormap import VectorMap
 
 RIGHT_S, RECOVERY_S = 5.0, 10.0
 GROWTH_BYTES = 64 << 20
-MIRRORS = 3
+MIRRORS = 2
 """Names of lying mirrors, of which all but one tell the same lie. Who has heard the author can't be outvoted. Who comes
-later can, by more names than hold the truth, as long as they are there; ``synced`` says that it is disputed."""
+later can, as long as they are there, by as many names as hold the truth: whoever has believed a lie counts for it.
+``synced`` says that it is disputed."""
 CONTEST_S = 1.0
 """A robot whose own word is doubted speaks again at most so often."""
 LATTICE = Lattice(50_000)

@@ -386,7 +386,7 @@ class Engine:
         if replica is None:
             # Kept only once it has said something that holds: who invents streams fills no table.
             replica = Replica(Stream(*key))
-        target = most_held({**self.neighbours.holders(key), self.own.key: replica.stream.revision})
+        target = self._most_held(self.neighbours.holders(key), replica)
         try:
             if isinstance(message, Record):
                 outcome = replica.offer(message, raw, self._limits, by_author=by_author)
@@ -627,11 +627,18 @@ class Engine:
             if other and replica is not None and not replica.corrected:
                 peers.append(key)
         elif replica is not None and not replica.heard and not peers:
-            # With the own name, or two peers would change sides for ever.
-            best = most_held({**claims, self.own.key: held})
+            best = self._most_held(claims, replica)
             if best is not None and best.seq == held.seq and best.digest != held.digest:
                 peers = [peer for peer, revision in claims.items() if revision == best]
         return sorted(peers, key=lambda peer: (peer != key, -claims[peer].seq, peer))
+
+    def _most_held(self, claims: dict[Key, Revision], replica: Replica) -> Revision | None:
+        """What to believe of an absent author.
+
+        What is held here only because somebody was the first to offer it is no vote, until it was outvoted once: from
+        then on it is, or two peers would change sides for ever.
+        """
+        return most_held({**claims, self.own.key: replica.stream.revision} if replica.outvoted else claims)
 
     def _ask_due(self, now_s: float) -> None:
         for about in self._catchup.expired(now_s):

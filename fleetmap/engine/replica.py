@@ -38,6 +38,7 @@ class Replica:
     Attributes
     ----------
     heard : the author itself has said this revision
+    outvoted : it was replaced by what more mirrors hold
     forked : the author has said two things under this seq; its next word decides
     last_claimed : the latest seq that the others held when it last came through a mirror
     kept : it counts: it is listed, hashed, mirrored and merged. One that is superseded doesn't, and goes on if its
@@ -46,6 +47,7 @@ class Replica:
 
     stream: Stream
     heard: bool = False
+    outvoted: bool = False
     forked: bool = False
     last_claimed: int = 0
     kept: bool = True
@@ -161,6 +163,7 @@ class Replica:
         step = advance(nothing, change, seq=chunk.seq, link=chunk.link, digest=chunk.digest, limits=limits)
         if by_author and chunk.seq == held.seq:
             self._corrected = chunk.seq
+        self.outvoted |= not by_author and chunk.seq == held.seq
         self._take(step_between(held, step.after), heard=by_author)
         self.log.clear()
         self._apply_early(limits)
