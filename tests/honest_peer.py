@@ -77,7 +77,7 @@ class HonestPeer:
     async def kept(self) -> dict[str, object]:
         """By robot, the digests of the maps of all its lives that are merged here."""
         found: dict[str, list[str]] = {}
-        for stream in self.peer._engine._merged_streams():
+        for stream in self.peer._engine.merged_streams():
             found.setdefault(stream.robot, []).extend(f"{m.digest:016x}" for m in stream.submaps.values())
         return {"kept": found}
 

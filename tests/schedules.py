@@ -72,7 +72,7 @@ class Robot(Node):
     def merged(self) -> dict[str, frozenset[int]]:
         """The squares of each robot that are merged here."""
         found: dict[str, frozenset[int]] = {}
-        for stream in self.engine._merged_streams():
+        for stream in self.engine.merged_streams():
             found[stream.robot] = found.get(stream.robot, frozenset()) | numbers_of(stream)
         return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import subprocess
 import sys
 import threading
@@ -13,7 +14,7 @@ from endings import FACES, MANNERS, MOMENTS, WAYS, Case, Tokens, all_cases, run
 import fleetmap
 import fleetmap.sync
 from fleetmap.model.errors import LinkError
-from fleetmap.model.threads import Worker, in_thread
+from fleetmap.model.threads import Worker, in_thread, may_be_dropped
 from fleetmap.peer.endings import CALLBACK_THREAD
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 
@@ -157,6 +158,19 @@ def test_a_call_outlives_its_loop_in_silence(capfd):
     thread.join(TIMEOUT_S)
     assert not thread.is_alive()
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_task_that_never_began_is_dropped_in_silence(recwarn):
+    async def never_begins():
+        pass
+
+    loop = asyncio.new_event_loop()
+    task = loop.create_task(never_begins())
+    may_be_dropped(task)
+    loop.close()
+    del task, loop
+    gc.collect()
+    assert not recwarn.list
 
 
 # Forks

@@ -220,7 +220,7 @@ def as_many_edges_as_fit(fleet: Fleet, stranger: Stranger) -> None:
         stranger.publish(bad)
     for node in fleet.nodes.values():
         for replica in node.engine.holdings.replicas.values():
-            assert replica.stream.edges <= node.engine._limits.edges
+            assert replica.stream.edges <= node.engine.limits.edges
 
 
 ATTACKS = [
@@ -251,7 +251,7 @@ def test_an_attack_neither_stops_nor_splits_nor_changes_what_honest_robots_hold(
 
     def right(node: Node) -> list[str]:
         """What a peer does not hold, or merge, as its author has said it."""
-        streams = {s.key: s for s in node.engine._merged_streams()}
+        streams = {s.key: s for s in node.engine.merged_streams()}
         wrong = []
         for name, life in honest:
             author = fleet.nodes.get(name)

@@ -29,7 +29,7 @@ from schedules import Fleet
 from fleetmap.codecs import envelope
 from fleetmap.codecs.fmap import load_fmap, save_fmap
 from fleetmap.codecs.messages import Record, Revision, RevisionList, Want
-from fleetmap.engine import Gone
+from fleetmap.engine import Gone, Limits, holdings
 from fleetmap.engine.chain import Chain, before
 from fleetmap.engine.log import snapshot_messages
 from fleetmap.engine.stream import Stream
@@ -289,3 +289,56 @@ def test_who_is_gone_is_not_waited_for() -> None:
     assert me.lacking() == ["the list of r"]
     me.receive(Gone(*other.own.key), now_s=1.0)
     assert me.lacking() == []
+
+
+def test_what_somebody_was_asked_for_who_is_gone_is_asked_of_another() -> None:
+    asked: list[str] = []
+
+    def first_question_is_lost(_source: str, target: str, kind: str, *_: object) -> list[float]:
+        asked.extend([target] * (kind == "mirror"))
+        return [] if kind == "mirror" and len(asked) == 1 else [0.01]
+
+    fleet = Nodes("abc", fate=first_question_is_lost)
+    fleet.run(2.0)
+    fleet.nodes["a"].publish(rooms(5))
+    fleet.run(2.0)
+    gone = fleet.kill("a")
+    newcomer = fleet.add("d")
+    while not asked:
+        fleet.run(0.1)
+    fleet.kill(asked[0])
+    fleet.run(1.0)
+    assert newcomer.holds()[gone.engine.own.key] == (gone.engine.own.seq, gone.engine.own.digest)
+    assert len(set(asked)) == 2
+
+
+def test_the_lives_of_one_name_hold_no_more_together_than_five_of_the_largest() -> None:
+    me = engine("me", limits=Limits(edges=400, edges_in_square=400))
+    for run in range(9):
+        crowd = engine("crowd", run=run + 1)
+        crowd.publish("0", rooms(90 + run))
+        tell(me, crowd, *records(crowd))
+    edges = [s.edges for s in me.holdings.streams() if s.robot == "crowd"]
+    assert sorted(edges) == [4 * (90 + run) for run in range(4, 9)]
+
+
+def test_who_was_dropped_for_want_of_room_is_looked_at_again_when_there_is_room(monkeypatch) -> None:
+    monkeypatch.setattr(holdings, "MAX_STREAMS", 3)
+    fleet = Nodes("ab")
+    fleet.run(1.0)
+    gone = []
+    for size in range(2, 7):
+        name = f"r{size}"
+        one = fleet.add(name)
+        one.publish(rooms(size))
+        fleet.run(1.0)
+        gone.append(one.engine.own.key)
+        fleet.kill(name)
+    fleet.run(1.0)
+    a = fleet.nodes["a"]
+    assert gone[0] not in a.holds()
+    assert set(gone[-2:]) < set(a.holds())
+    monkeypatch.setattr(holdings, "MAX_STREAMS", 1024)
+    other = fleet.add("c")
+    fleet.run(20.0)
+    assert other.holds() == a.holds()

@@ -100,6 +100,11 @@ class SnapshotChunk:
     count: int
     data: bytes
 
+    @property
+    def check(self) -> int:
+        """The lowest 16 bits of the digest."""
+        return self.digest & CHECK_MASK
+
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:

@@ -93,6 +93,7 @@ class Catchup:
         self._late = {i: about for i, about in self._late.items() if about.peer != peer}
         for stream in [stream for stream, at in self._parked.items() if at == peer]:
             self.want(stream, 0.0)
+        self._look_s = 0.0  # what it was asked about is due still
 
     def listed(self, peer: Key, streams: Collection[Key]) -> None:
         """A peer says anew which streams it holds: what came of asking it for others is forgotten."""
@@ -169,7 +170,8 @@ class Catchup:
                 listing.add(peer)
                 strangers += not spoke(peer)
                 del self._lists_due_s[peer]
-        for stream in _ready(self._due_s, now_s):
+        # And those of authors who are there: strangers' streams are many, and cost nothing.
+        for stream in sorted(_ready(self._due_s, now_s), key=lambda stream: not spoke(stream)):
             if stream in asked:
                 continue
             peers = holders(stream)

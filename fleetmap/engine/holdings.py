@@ -34,6 +34,11 @@ _MASK = (1 << 64) - 1
 class Holdings:
     """The own stream and the replicas. Lives of a robot that lives no more stay, as maps of an absent one.
 
+    Parameters
+    ----------
+    author : of the own stream
+    most_edges_of_a_name : of all lives of one name together; beyond it the smallest go
+
     Attributes
     ----------
     hidden : streams that the user has this peer forget, as they were then
@@ -42,6 +47,7 @@ class Holdings:
     """
 
     author: Author
+    most_edges_of_a_name: int = MAX_EDGES_HELD
     replicas: dict[Key, Replica] = field(default_factory=dict)
     hidden: dict[Key, State] = field(default_factory=dict)
     undecided: set[str] = field(default_factory=set)
@@ -52,6 +58,10 @@ class Holdings:
     """Superseded ones likewise."""
     _dropped: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
     """Not asked for again as they were: whoever still offers them has not heard yet why they go."""
+    _crowded: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
+    """Dropped for want of room."""
+    _edges: int = 0
+    """Of all replicas, when room was needed last."""
 
     @property
     def own(self) -> Stream:
@@ -78,8 +88,9 @@ class Holdings:
         return replica.stream.revision if replica is not None else Revision(key[1], 0, 0)
 
     def was_dropped(self, key: Key, revision: Revision) -> bool:
-        """Whether this very revision was dropped, and isn't wanted back."""
-        return self._dropped.get(key) == revision
+        """Whether this very revision was dropped, and isn't wanted back: not before there is room, if that was why."""
+        full = len(self.replicas) >= MAX_STREAMS or self._edges >= MAX_EDGES_HELD // 2
+        return self._dropped.get(key) == revision or (full and self._crowded.get(key) == revision)
 
     def left_out(self, present: Callable[[Key], bool]) -> set[Key]:
         """Streams that are kept and not merged: the user, or an operator anywhere, has them forgotten as they are.
@@ -131,6 +142,13 @@ class Holdings:
                 gone.append(self.drop(replica.key))
             elif was and not replica.kept:
                 gone.append(replica.stream)
+        held = [r.stream for r in replicas if r.key in self.replicas]
+        edges = sum(stream.edges for stream in held)
+        while edges > self.most_edges_of_a_name:
+            least = min(held, key=lambda s: (s.edges, s.life))
+            held.remove(least)
+            edges -= least.edges
+            gone.append(self.drop(least.key))
         return gone
 
     def find_room(self, present: Callable[[Key], bool], *, newcomer: Key | None = None) -> list[Stream]:
@@ -149,22 +167,20 @@ class Holdings:
                 least = newcomer
             else:
                 break
-            gone.append(self.drop(least))
+            gone.append(self.drop(least, crowded=True))
             edges -= gone[-1].edges
+        self._edges = edges
         return gone
 
-    def drop(self, key: Key) -> Stream:
-        """Hold a replica no longer; returns it as it was."""
+    def drop(self, key: Key, *, crowded: bool = False) -> Stream:
+        """Hold a replica no longer, for good or for want of room; returns it as it was."""
         stream = self.replicas.pop(key).stream
-        self._dropped[key] = stream.revision
-        self._dropped.move_to_end(key)
-        if len(self._dropped) > MAX_DROPPED:
-            self._dropped.popitem(last=False)
+        dropped = self._crowded if crowded else self._dropped
+        dropped[key] = stream.revision
+        dropped.move_to_end(key)
+        if len(dropped) > MAX_DROPPED:
+            dropped.popitem(last=False)
         return stream
-
-    def has_room(self) -> None:
-        """What was dropped for want of room may be asked for again."""
-        self._dropped.clear()
 
     def bound_waiting(self) -> int:
         """Give up early records and parts of snapshots where they take too much; returns how many streams lost some."""

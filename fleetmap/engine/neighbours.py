@@ -73,12 +73,10 @@ class Neighbours:
     Attributes
     ----------
     refused : somebody found no room
-    evicted : who gave way since this was emptied last
     """
 
     by_key: dict[Key, Neighbour] = field(default_factory=dict)
     refused: bool = False
-    evicted: list[Key] = field(default_factory=list)
     _waiting: OrderedDict[Key, None] = field(default_factory=OrderedDict)
     """Tokens for which there is no room, until they speak."""
 
@@ -89,24 +87,29 @@ class Neighbours:
         """Names that live: at least one life of theirs has spoken. Any thread may call it."""
         return {n.key[0] for n in list(self.by_key.values()) if n.spoke}
 
-    def add(self, key: Key) -> Neighbour | None:
-        """A token appeared; None if there is no room for it."""
+    def present(self, key: Key) -> bool:
+        """Whether a life is there, and has ever spoken."""
+        neighbour = self.by_key.get(key)
+        return neighbour is not None and neighbour.spoke
+
+    def add(self, key: Key) -> tuple[bool, Key | None]:
+        """A token appeared: whether there is room for it, and who gave way."""
         if key in self.by_key:
-            return self.by_key[key]
+            return True, None
+        silent = None
         of_name = sum(name == key[0] for name, _ in self.by_key)
         if of_name >= MAX_LIVES or len(self.by_key) >= MAX_NEIGHBOURS:
             nobody = [n for n in self.by_key.values() if not n.spoke and (of_name < MAX_LIVES or n.key[0] == key[0])]
             if not nobody:
                 self._wait(key)
-                return None
+                return False, None
             # Whoever was asked longest ago and said nothing.
             silent = max(nobody, key=lambda n: n.unanswered).key
             del self.by_key[silent]
-            self.evicted.append(silent)
             self._wait(silent)
         self._waiting.pop(key, None)
-        neighbour = self.by_key[key] = Neighbour(key)
-        return neighbour
+        self.by_key[key] = Neighbour(key)
+        return True, silent
 
     def remove(self, key: Key) -> Neighbour | None:
         """Its token vanished; None if it wasn't in the table."""
@@ -126,8 +129,7 @@ class Neighbours:
     def say(self, neighbour: Neighbour, claims: dict[Key, Revision]) -> None:
         """What a neighbour says that it holds, instead of what it said before."""
         neighbour.claims, neighbour.listed = claims, True
-        others = sum(len(n.claims) for n in self.by_key.values()) - len(claims)
-        if others + len(claims) > MAX_CLAIMS:
+        if sum(len(n.claims) for n in self.by_key.values()) > MAX_CLAIMS:
             most = max(self.by_key.values(), key=lambda n: len(n.claims))
             most.claims = dict(list(most.claims.items())[: MAX_CLAIMS // MAX_NEIGHBOURS])
 

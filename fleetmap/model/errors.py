@@ -70,6 +70,11 @@ class ConfigError(FleetmapError, ValueError):
         super().__init__(f"{option}={_shown(value)}: {reason}")
 
 
+def reason_without_numbers(error: WireError | ConfigError) -> str:
+    """A refusal's reason without its numbers, so that there are few of them to count."""
+    return "".join(c for c in error.reason if not c.isdigit())[:40]
+
+
 def _shown(value: object) -> str:
     """A value on one line: an array that was handed in by mistake would fill the screen."""
     text = " ".join(repr(value).split())

@@ -10,9 +10,10 @@ import asyncio
 import contextvars
 import queue
 import threading
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 R = TypeVar("R")
 
@@ -105,6 +106,14 @@ async def in_thread(call: Callable[[], R]) -> R:
         return await worker.run(call)
     finally:
         worker.stop()
+
+
+def may_be_dropped(task: asyncio.Task[Any]) -> None:
+    """Have Python say nothing when a task is left where its loop was closed, be it before it began."""
+    task._log_destroy_pending = False  # type: ignore[attr-defined]
+    coroutine = task.get_coro()
+    if coroutine is not None:
+        weakref.finalize(task, coroutine.close).atexit = False
 
 
 def _make_calls(calls: queue.SimpleQueue[Callable[[], None] | None]) -> None:

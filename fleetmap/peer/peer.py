@@ -45,7 +45,7 @@ from fleetmap.model.kernel_cache import AGENT, modules_of
 from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
-from fleetmap.model.threads import ProcessEnds, Worker
+from fleetmap.model.threads import ProcessEnds, Worker, may_be_dropped
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.figures import own_figures
@@ -161,7 +161,7 @@ class Peer:
             self._tasks = [asyncio.create_task(self._guard(work)) for work in works]
             for task in self._tasks:
                 task.add_done_callback(_look_at)
-                _may_be_dropped(task)
+                may_be_dropped(task)
             await asyncio.sleep(0)  # they begin: cancelled before, they would leave the peer open
         except BaseException:
             await self.close()
@@ -471,7 +471,7 @@ class Peer:
             return result
 
         task = asyncio.ensure_future(finish())
-        _may_be_dropped(task)
+        may_be_dropped(task)
         return await asyncio.shield(task)
 
     async def _read(self, call: Callable[[], R]) -> R:
@@ -598,11 +598,6 @@ class Peer:
 
     def _take_reply(self, ask_id: int, payload: bytes | None) -> None:
         self._inbox.deliver(ReplyEnd(ask_id) if payload is None else Reply(ask_id, payload))
-
-
-def _may_be_dropped(task: asyncio.Task[R]) -> None:
-    """Have asyncio say nothing when the task is pending and its loop closed, or left at a second Ctrl-C."""
-    task._log_destroy_pending = False  # type: ignore[attr-defined]
 
 
 def _look_at(task: asyncio.Task[None]) -> None:

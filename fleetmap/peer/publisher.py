@@ -14,7 +14,7 @@ from fleetmap.accounting import Ledger
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE
-from fleetmap.model.threads import in_thread
+from fleetmap.model.threads import in_thread, may_be_dropped
 from fleetmap.model.vectormap import VectorMap
 
 if TYPE_CHECKING:
@@ -50,7 +50,9 @@ class GridPublisher:
     ) -> bool:
         """Vectorize, ``send``, then count the baselines: the fleet doesn't wait for them."""
         # Shielded: a thread can't be cancelled, and the next turn must not begin beside it.
-        return await asyncio.shield(asyncio.ensure_future(self._take_turn(submap, source, send, clock=clock)))
+        task = asyncio.create_task(self._take_turn(submap, source, send, clock=clock))
+        may_be_dropped(task)
+        return await asyncio.shield(task)
 
     async def _take_turn(
         self,

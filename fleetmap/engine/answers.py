@@ -1,0 +1,63 @@
+"""What a peer answers: which streams it keeps, and what somebody lacks of one of them."""
+
+from __future__ import annotations
+
+from fleetmap.accounting import Ledger
+from fleetmap.codecs import envelope
+from fleetmap.codecs.messages import Heartbeat, RevisionList, Want
+from fleetmap.engine.budget import Budget
+from fleetmap.engine.holdings import Holdings
+from fleetmap.engine.log import Snapshots, answer
+from fleetmap.model.errors import ConfigError, WireError, reason_without_numbers
+
+ANSWER_BPS, ANSWER_BURST_BYTES = 4 << 20, 32 << 20
+"""What a peer sends in answers, all together: nobody knows who asks."""
+
+
+class Answers:
+    """Answers questions from what is held, each revision encoded once.
+
+    Parameters
+    ----------
+    holdings : the own stream and the replicas
+    ledger : counts questions and answers
+    """
+
+    def __init__(self, holdings: Holdings, ledger: Ledger) -> None:
+        self._holdings, self._ledger = holdings, ledger
+        self._snapshots = Snapshots()
+        self._budget = Budget(ANSWER_BPS, ANSWER_BURST_BYTES)
+
+    def answer(self, kind: str, payload: bytes, now_s: float) -> tuple[bytes, ...]:
+        """The replies to a question under the own key ``kind``; none if it makes no sense, or there were too many."""
+        self._ledger.received("?", f"{kind}?", len(payload))
+        try:
+            if self._budget.left(now_s) <= 0:
+                raise WireError(robot="?", size_bytes=len(payload), reason="too many questions")
+            replies = self._list(payload) if kind == "revisions" else self._stream(payload)
+        except (WireError, ConfigError) as error:
+            self._ledger.dropped("?", f"{kind}?", len(payload), reason=reason_without_numbers(error))
+            return ()
+        for reply in replies:
+            self._budget.spend(len(reply))
+            self._ledger.sent("list" if kind == "revisions" else "repair", len(reply))
+        return tuple(replies)
+
+    def _list(self, payload: bytes) -> list[bytes]:
+        asked = envelope.decode(payload, robot="?") if payload else None
+        held = self._holdings.held_hash()
+        if isinstance(asked, Heartbeat) and asked.held == held:
+            return [envelope.encode(Heartbeat(self._holdings.own.seq, held))]
+        return [envelope.encode(RevisionList(tuple((s.robot, s.revision) for s in self._holdings.streams())))]
+
+    def _stream(self, payload: bytes) -> list[bytes]:
+        want = envelope.decode(payload, robot="?")
+        if not isinstance(want, Want):
+            raise WireError(robot="?", size_bytes=len(payload), reason="not a question")
+        author, key = self._holdings.author, (want.robot, want.revision.life)
+        if key == author.stream.key:
+            return answer(author.stream, author.log, want, self._snapshots)
+        replica = self._holdings.replicas.get(key)
+        if replica is None or not replica.kept:
+            raise WireError(robot="?", size_bytes=len(payload), reason="stream not held")
+        return answer(replica.stream, replica.log, want, self._snapshots)
