@@ -145,11 +145,16 @@ async def test_a_worker_makes_its_calls_in_order_and_skips_those_that_nobody_wai
 
 
 def test_a_call_outlives_its_loop_in_silence(capfd):
-    gate = threading.Event()
+    gate, began = threading.Event(), threading.Event()
+
+    def stay():
+        began.set()
+        gate.wait(TIMEOUT_S)
 
     async def give_up():
-        task = asyncio.ensure_future(in_thread(lambda: gate.wait(TIMEOUT_S)))
+        task = asyncio.ensure_future(in_thread(stay))
         await asyncio.sleep(0)
+        assert began.wait(TIMEOUT_S)  # a call that has not begun is not made
         task.cancel()
 
     asyncio.run(give_up())
