@@ -371,6 +371,19 @@ class Fleet:
             self.ask(self.running[0], "step")
         return time.monotonic() - began_s
 
+    def until_none(self, faults: Callable[[], list[str]], *, timeout_s: float) -> float:
+        """Wait until there is no fault; how many seconds that took."""
+        found: list[str] = []
+
+        def whole() -> bool:
+            found[:] = faults()
+            return not found
+
+        try:
+            return self.until(whole, timeout_s=timeout_s)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}: {found[:4]}") from None
+
     def rss_bytes(self) -> dict[str, int]:
         """By robot, the memory of its process."""
         pages = {r: Path(f"/proc/{p.pid}/statm").read_text().split()[1] for r, p in self._processes.items()}

@@ -292,24 +292,18 @@ def test_who_is_gone_is_not_waited_for() -> None:
 
 
 def test_what_somebody_was_asked_for_who_is_gone_is_asked_of_another() -> None:
-    asked: list[str] = []
-
-    def first_question_is_lost(_source: str, target: str, kind: str, *_: object) -> list[float]:
-        asked.extend([target] * (kind == "mirror"))
-        return [] if kind == "mirror" and len(asked) == 1 else [0.01]
-
-    fleet = Nodes("abc", fate=first_question_is_lost)
-    fleet.run(2.0)
-    fleet.nodes["a"].publish(rooms(5))
-    fleet.run(2.0)
-    gone = fleet.kill("a")
-    newcomer = fleet.add("d")
-    while not asked:
-        fleet.run(0.1)
-    fleet.kill(asked[0])
-    fleet.run(1.0)
-    assert newcomer.holds()[gone.engine.own.key] == (gone.engine.own.seq, gone.engine.own.digest)
-    assert len(set(asked)) == 2
+    me, author, *mirrors = (engine(name) for name in ("me", "a", "b", "c"))
+    author.publish("0", room(5))
+    meet(me, *mirrors)
+    me.tick(2.0)
+    for ask in asks(me, "revisions"):
+        reply(me, ask, envelope.encode(RevisionList(((author.robot, author.own.revision),))), now_s=2.0)
+    me.tick(3.0)
+    (first,) = asks(me, "mirror")
+    me.receive(Gone(first.robot, first.life), now_s=3.1)
+    me.tick(3.2)
+    (second,) = asks(me, "mirror")
+    assert {first.robot, second.robot} == {"b", "c"}
 
 
 def test_the_lives_of_one_name_hold_no_more_together_than_five_of_the_largest() -> None:
@@ -323,22 +317,34 @@ def test_the_lives_of_one_name_hold_no_more_together_than_five_of_the_largest() 
 
 
 def test_who_was_dropped_for_want_of_room_is_looked_at_again_when_there_is_room(monkeypatch) -> None:
+    me, mirror = engine("me"), engine("mirror")
+    meet(me, mirror)
+    authors = [engine(f"r{size}") for size in range(2, 7)]
+    for size, author in enumerate(authors, 2):
+        author.publish("0", rooms(size))
+        tell(me, author, *records(author))
     monkeypatch.setattr(holdings, "MAX_STREAMS", 3)
-    fleet = Nodes("ab")
-    fleet.run(1.0)
-    gone = []
-    for size in range(2, 7):
-        name = f"r{size}"
-        one = fleet.add(name)
-        one.publish(rooms(size))
-        fleet.run(1.0)
-        gone.append(one.engine.own.key)
-        fleet.kill(name)
-    fleet.run(1.0)
-    a = fleet.nodes["a"]
-    assert gone[0] not in a.holds()
-    assert set(gone[-2:]) < set(a.holds())
+    authors[-1].publish("0", rooms(9))
+    tell(me, authors[-1], *records(authors[-1]))
+    dropped = [author.robot for author in authors if held(me, author).seq == 0]
+    assert dropped == ["r2", "r3"]
+    rows = envelope.encode(RevisionList(tuple((author.robot, author.own.revision) for author in authors)))
+
+    def asked_of_mirror(from_s: float) -> list[str]:
+        """About whose streams, while it says again what it holds."""
+        me.ask_lists(now_s=from_s)
+        robots = []
+        for now_s in np.arange(from_s, from_s + 3.0, 0.1):
+            me.tick(float(now_s))
+            for ask in asks(me):
+                if ask.kind == "revisions":
+                    reply(me, ask, rows, now_s=float(now_s))
+                else:
+                    want = envelope.decode(ask.payload, robot="me")
+                    assert isinstance(want, Want)
+                    robots.append(want.robot)
+        return robots
+
+    assert asked_of_mirror(1.0) == []
     monkeypatch.setattr(holdings, "MAX_STREAMS", 1024)
-    other = fleet.add("c")
-    fleet.run(20.0)
-    assert other.holds() == a.holds()
+    assert asked_of_mirror(20.0) == dropped

@@ -451,23 +451,17 @@ def trial(fleet: Fleet, attack: Attack, *, seconds: float, rng: np.random.Genera
                 outcome.looks.append(fleet.wrong())
                 weigh()
         with noted("right under attack"):
-            outcome.right_s = fleet.until(lambda: not fleet.wrong(), timeout_s=2 * RIGHT_S * factor)
+            outcome.right_s = fleet.until_none(fleet.wrong, timeout_s=2 * RIGHT_S * factor)
         with noted("synced under attack"):
             outcome.lies += fleet.synced_lies(timeout_s=0.5)
         weigh()
         scene.over.set()
         thread.join(60.0)
     with noted("recovery"):
-        whole: list[str] = ["?"]
-
-        def recovered() -> bool:
-            whole[:] = fleet.unseen() or fleet.wrong() or fleet.missing(timeout_s=RIGHT_S)
-            return not whole
-
-        try:
-            outcome.recovered_s = fleet.until(recovered, timeout_s=2 * RECOVERY_S * factor)
-        except TimeoutError as error:
-            raise TimeoutError(f"{error}: {whole[:4]}") from None
+        outcome.recovered_s = fleet.until_none(
+            lambda: fleet.unseen() or fleet.wrong() or fleet.missing(timeout_s=RIGHT_S),
+            timeout_s=2 * RECOVERY_S * factor,
+        )
     weigh()
     outcome.faults += [f"the attack itself: {error!r}" for error in failures]
     return outcome

@@ -501,11 +501,12 @@ class Engine:
         submaps: Mapping[str, VectorMap] | None = None,
         even_if_nothing: bool = False,
     ) -> int:
-        """Say the next revision; the bytes that it takes, 0 if it would change nothing and is not said."""
-        said = self._voice.commit(facts=facts, submaps=submaps, even_if_nothing=even_if_nothing)
+        """Say the next revision; the bytes of its record, 0 if it would change nothing and is not said."""
+        said = self.author.commit(facts=facts, submaps=submaps, even_if_nothing=even_if_nothing)
         if said is None:
             return 0
         record, step = said
+        self._voice.say(record)
         self._outputs.extend(changed_events(step))
         if step.before.facts != step.after.facts:
             self._settle(self.robot)  # it may have ended former lives, by whatever call

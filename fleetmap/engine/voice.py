@@ -12,7 +12,7 @@ from fleetmap.codecs.messages import Heartbeat
 from fleetmap.engine.author import Author
 from fleetmap.engine.outputs import LifeChanged, Output, Put
 from fleetmap.engine.quota import Quota
-from fleetmap.engine.stream import Step, Stream
+from fleetmap.engine.stream import Stream
 from fleetmap.model.vectormap import VectorMap
 
 CONTEST_S = 1.0
@@ -41,27 +41,19 @@ class Voice:
     ) -> None:
         self._author, self._outputs, self._ledger, self._quota = author, outputs, ledger, quota
         self._heartbeat_s, self._heartbeat_due_s = heartbeat_s, 0.0
+        self._life = author.stream.life
         self._said: dict[str, bytes] = {}
         self._doubts_answered_s = -math.inf
         self.waiting_maps: dict[str, VectorMap] = {}
         self.waiting_facts: FactsStep = {}
         self.doubted = False
 
-    def commit(
-        self,
-        *,
-        facts: FactsStep | None = None,
-        submaps: Mapping[str, VectorMap] | None = None,
-        even_if_nothing: bool = False,
-    ) -> tuple[bytes, Step] | None:
-        """Say the next revision; None if it would change nothing. ``ConfigError`` as ``Author.commit`` says."""
-        life = self._author.stream.life
-        said = self._author.commit(facts=facts, submaps=submaps, even_if_nothing=even_if_nothing)
-        if said is not None:
-            if self._author.stream.life != life:
-                self._outputs.append(LifeChanged(self._author.stream.life))
-            self._put("delta", said[0])
-        return said
+    def say(self, record: bytes) -> None:
+        """Publish the revision that the author has come to; in a new life, if it has begun one."""
+        if self._author.stream.life != self._life:
+            self._life = self._author.stream.life
+            self._outputs.append(LifeChanged(self._life))
+        self._put("delta", record)
 
     def after(self, facts: FactsStep, maps: Mapping[str, VectorMap]) -> Stream:
         """The own stream as it would be after a step; it keeps its seq."""
