@@ -34,6 +34,9 @@ def main() -> None:
     from attacks import Fleet
     from thirteen import ATTACKS, trial
 
+    from fleetmap.model.kernel_cache import kernel_modules
+    from fleetmap.model.kernel_compiler import compile_ahead
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--only", type=int, nargs="*", default=list(ATTACKS), choices=list(ATTACKS))
@@ -41,6 +44,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     numbers, seconds = (TINY, 1.0) if options.tiny else (options.only, options.seconds)
+    compile_ahead(kernel_modules())  # or the robots would do it while they are measured
     rng = np.random.default_rng(13)
     found = {}
     if not options.json:
