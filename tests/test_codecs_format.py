@@ -163,7 +163,7 @@ def test_the_library_takes_the_golden_records_and_the_golden_snapshot() -> None:
     for raw, _ in chunks:
         message = envelope.decode(raw, robot="r7")
         assert isinstance(message, SnapshotChunk)
-        other.offer_chunk(message, Limits(), by_author=False)
+        other.offer_chunk(message, Limits(), speaker=("mirror", 1))
     assert other.stream.revision == one.stream.revision
     assert other.stream.facts == one.stream.facts
 

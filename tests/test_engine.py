@@ -183,7 +183,7 @@ def test_a_large_snapshot_comes_in_chunks_in_any_order() -> None:
     assert len(chunks) > 1
     replica, limits = Replica(Stream("r", links.life)), Limits(10**6, 10**6)
     outcomes = [
-        replica.offer_chunk(c, limits, by_author=True) for c in chunks[::-1] if isinstance(c, msg.SnapshotChunk)
+        replica.offer_chunk(c, limits, speaker=replica.key) for c in chunks[::-1] if isinstance(c, msg.SnapshotChunk)
     ]
     assert outcomes == [Outcome.EARLY] * (len(chunks) - 1) + [Outcome.APPLIED]
     assert replica.stream.digest == stream.digest

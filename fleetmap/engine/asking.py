@@ -131,10 +131,10 @@ class Asking:
             other = said is not None and said.digest and said.seq == held.seq and said.digest != held.digest
             if other and replica is not None and not replica.corrected:
                 peers.append(key)
-        elif replica is not None and not replica.heard and not peers:
+        elif replica is not None and not replica.heard:
             best = self._most_held(claims, replica)
-            if best is not None and best.seq == held.seq and best.digest != held.digest:
-                peers = [peer for peer, revision in claims.items() if revision == best]
+            if best is not None and best.digest != held.digest:
+                peers += [peer for peer, revision in claims.items() if revision == best]
         return sorted(peers, key=lambda peer: (peer != key, -claims[peer].seq, peer))
 
     def believed(self, replica: Replica) -> Revision | None:
@@ -145,7 +145,8 @@ class Asking:
         # What is held here only because somebody was the first to offer it is no vote, until it was outvoted once:
         # from then on it is, or two peers would change sides for ever.
         own = self._holdings.own.key
-        return most_held({**claims, own: replica.stream.revision} if replica.outvoted else claims)
+        held = replica.stream.revision
+        return most_held({**claims, own: held} if replica.outvoted else claims, held.seq)
 
     # Questions
 
@@ -161,7 +162,7 @@ class Asking:
                 payload = envelope.encode(message)
             else:
                 kind = "snapshot" if about.peer == about.stream else "mirror"
-                payload = envelope.encode(self._want(about.stream))
+                payload = envelope.encode(self._want(about.stream, about.peer))
             self._ledger.sent("want", len(payload))
             timeout_s = REPLY_TIMEOUT_S if self._neighbours.present(about.peer) else FIRST_REPLY_TIMEOUT_S
             ask_id = self.catchup.sent(about, now_s, timeout_s=timeout_s)
@@ -181,11 +182,11 @@ class Asking:
             neighbour.listed = False
             self.catchup.want_list(neighbour.key, now_s + RELIST_S)
 
-    def _want(self, stream: Key) -> Want:
+    def _want(self, stream: Key, peer: Key) -> Want:
         own, replica = self._holdings.own, self._holdings.replicas.get(stream)
         if stream == own.key:
             return Want(own.robot, own.revision)
-        return replica.want() if replica is not None else Want(stream[0], Revision(stream[1], 0, 0))
+        return replica.want(peer) if replica is not None else Want(stream[0], Revision(stream[1], 0, 0))
 
     def _same_as_here(self, held: int) -> dict[Key, Revision]:
         """What a list of this peer would say; one for all neighbours that hold the same."""

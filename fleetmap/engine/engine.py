@@ -58,7 +58,8 @@ from fleetmap.model.pose import FixedPose, wrap
 from fleetmap.model.vectormap import VectorMap
 
 LARGEST_LIVES = 5
-"""So many times what one life may hold all lives of a name may hold together: that of four former ones, and of one."""
+"""So many times what one life may hold all lives of a name may hold together: that of four former ones, and of one. A
+life that is there goes for none of them: whoever invents others can't crowd out who runs."""
 
 
 class Engine:
@@ -182,7 +183,11 @@ class Engine:
         if robot == self.robot:
             step = self._supersede_former()
             if not step:
-                raise ConfigError(option="robot", value=robot, reason="no former life of this robot is held")
+                raise ConfigError(
+                    option="robot",
+                    value=robot,
+                    reason="no former life of this robot is held; what others hold of one is here after synced()",
+                )
             self._commit(facts=step)
             return True
         streams = {s.key: s.state for s in self.holdings.streams() if s.robot == robot}
@@ -372,7 +377,7 @@ class Engine:
                 outcome = replica.offer(message, raw, self.limits, by_author=by_author)
             else:
                 believed = self._asking.believed(replica)
-                outcome = replica.offer_chunk(message, self.limits, by_author=by_author, instead=believed)
+                outcome = replica.offer_chunk(message, self.limits, speaker=speaker, instead=believed)
         except WireError as error:
             if not error.reason.startswith("claimed"):
                 # Decoded, and in vain: the author's words don't fit what is held, or a mirror lies.

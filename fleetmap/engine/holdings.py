@@ -37,7 +37,7 @@ class Holdings:
     Parameters
     ----------
     author : of the own stream
-    most_edges_of_a_name : of all lives of one name together; beyond it the smallest go
+    most_edges_of_a_name : of all lives of one name together; beyond it absent ones go, the smallest first
 
     Attributes
     ----------
@@ -90,7 +90,9 @@ class Holdings:
     def was_dropped(self, key: Key, revision: Revision) -> bool:
         """Whether this very revision was dropped, and isn't wanted back: not before there is room, if that was why."""
         full = len(self.replicas) >= MAX_STREAMS or self._edges >= MAX_EDGES_HELD // 2
-        return self._dropped.get(key) == revision or (full and self._crowded.get(key) == revision)
+        dropped = [self._dropped.get(key), self._crowded.get(key) if full else None]
+        # A heartbeat says no digest.
+        return any(was and was.seq == revision.seq and revision.digest in (0, was.digest) for was in dropped)
 
     def left_out(self, present: Callable[[Key], bool]) -> set[Key]:
         """Streams that are kept and not merged: the user, or an operator anywhere, has them forgotten as they are.
@@ -144,11 +146,10 @@ class Holdings:
                 gone.append(replica.stream)
         held = [r.stream for r in replicas if r.key in self.replicas]
         edges = sum(stream.edges for stream in held)
-        while edges > self.most_edges_of_a_name:
-            least = min(held, key=lambda s: (s.edges, s.life))
-            held.remove(least)
-            edges -= least.edges
-            gone.append(self.drop(least.key))
+        for least in sorted((s for s in held if not lives(s.life)), key=lambda s: (s.edges, s.life)):
+            if edges > self.most_edges_of_a_name:
+                edges -= least.edges
+                gone.append(self.drop(least.key))
         return gone
 
     def find_room(self, present: Callable[[Key], bool], *, newcomer: Key | None = None) -> list[Stream]:

@@ -20,6 +20,29 @@ MAX_EARLY = 64
 """Records kept that arrived before the one that they follow."""
 
 
+MAX_PARTS = 8
+"""Peers of whose snapshots parts are kept: each by itself, as one that lies would spoil those of the others."""
+
+
+@dataclass(slots=True)
+class Parts:
+    """Chunks of a snapshot of one peer's.
+
+    Parameters
+    ----------
+    of : one of them
+    data : by index
+    """
+
+    of: SnapshotChunk
+    data: dict[int, bytes] = field(default_factory=dict)
+
+    def continues(self, chunk: SnapshotChunk) -> bool:
+        """Whether a chunk is one of the same snapshot."""
+        of = self.of
+        return (of.seq, of.digest, of.link, of.count) == (chunk.seq, chunk.digest, chunk.link, chunk.count)
+
+
 class Outcome(Enum):
     """What became of a record or of a part of a snapshot."""
 
@@ -55,8 +78,7 @@ class Replica:
     steps: list[Step] = field(default_factory=list)
     _corrected: int = 0
     _early: dict[int, tuple[Record, bytes]] = field(default_factory=dict)
-    _chunks: dict[int, bytes] = field(default_factory=dict)
-    _chunks_of: SnapshotChunk | None = None
+    _parts: dict[Key, Parts] = field(default_factory=dict)
 
     @property
     def key(self) -> Key:
@@ -71,23 +93,25 @@ class Replica:
     @property
     def waiting_bytes(self) -> int:
         """What early records and parts of a snapshot take."""
-        return sum(len(raw) for _, raw in self._early.values()) + sum(map(len, self._chunks.values()))
+        early = sum(len(raw) for _, raw in self._early.values())
+        return early + sum(len(data) for parts in self._parts.values() for data in parts.data.values())
 
     def forget_waiting(self) -> None:
-        """Give early records and parts of a snapshot up, for want of room."""
+        """Give early records and parts of snapshots up, for want of room."""
         self._early.clear()
-        self._chunks, self._chunks_of = {}, None
+        self._parts.clear()
 
     def take_steps(self) -> list[Step]:
         """The steps since the last call."""
         steps, self.steps = self.steps, []
         return steps
 
-    def want(self) -> Want:
-        """What to ask for."""
-        of, partial = self._chunks_of, None
-        if of is not None:
-            first_missing = next((i for i in range(of.count) if i not in self._chunks), of.count)
+    def want(self, peer: Key) -> Want:
+        """What to ask a peer for."""
+        parts, partial = self._parts.get(peer), None
+        if parts is not None:
+            of = parts.of
+            first_missing = next((i for i in range(of.count) if i not in parts.data), of.count)
             partial = (of.seq, of.digest, first_missing) if first_missing else None
         return Want(self.stream.robot, self.stream.revision, partial)
 
@@ -123,12 +147,13 @@ class Replica:
         return Outcome.APPLIED
 
     def offer_chunk(
-        self, chunk: SnapshotChunk, limits: Limits, *, by_author: bool, instead: Revision | None = None
+        self, chunk: SnapshotChunk, limits: Limits, *, speaker: Key, instead: Revision | None = None
     ) -> Outcome:
-        """Collect the chunks of a snapshot; the last missing one puts it in the stream's place.
+        """Collect the chunks of a peer's snapshot; the last missing one puts it in the stream's place.
 
         Parameters
         ----------
+        speaker : whose. If it is the author, its word counts for more
         instead : what most say of an absent author; it may replace what wasn't heard from it
 
         Raises
@@ -137,6 +162,7 @@ class Replica:
             state
         """
         held, there = self.stream, Revision(self.stream.life, chunk.seq, chunk.digest)
+        by_author = speaker == self.key
         if chunk.seq == held.seq and chunk.digest != held.digest:
             corrects = by_author and not self.corrected
             outvotes = not by_author and not self.heard and there == instead
@@ -146,18 +172,21 @@ class Replica:
         elif chunk.seq <= held.seq:
             self.heard |= by_author and there == held.revision
             return Outcome.DUPLICATE
-        of = self._chunks_of
-        if of is None or (of.seq, of.digest, of.link, of.count) != (chunk.seq, chunk.digest, chunk.link, chunk.count):
+        parts = self._parts.get(speaker)
+        if parts is None or not parts.continues(chunk):
             # Before anything is kept; and from the end that is known, whichever is nearer.
             self._check_link(chunk.seq, chunk.link, len(chunk.data))
-            self._chunks_of, self._chunks = chunk, {}
-        elif chunk.index in self._chunks:
+            self._parts.pop(speaker, None)
+            if len(self._parts) == MAX_PARTS:
+                del self._parts[next(iter(self._parts))]
+            parts = self._parts[speaker] = Parts(chunk)
+        elif chunk.index in parts.data:
             return Outcome.DUPLICATE
-        self._chunks[chunk.index] = chunk.data
-        if len(self._chunks) < chunk.count:
+        parts.data[chunk.index] = chunk.data
+        if len(parts.data) < chunk.count:
             return Outcome.EARLY
-        data = b"".join(self._chunks[i] for i in sorted(self._chunks))
-        self._chunks_of, self._chunks = None, {}
+        del self._parts[speaker]
+        data = b"".join(parts.data[i] for i in sorted(parts.data))
         change = decode_change(data, robot=held.robot)
         nothing = Stream(*held.key)
         step = advance(nothing, change, seq=chunk.seq, link=chunk.link, digest=chunk.digest, limits=limits)
@@ -187,6 +216,7 @@ class Replica:
         if step.after.seq > step.before.seq:
             self.forked = False
         self.stream, self.heard = step.after, heard
+        self._parts = {peer: parts for peer, parts in self._parts.items() if parts.of.seq > self.stream.seq}
         self.steps.append(step)
 
     def _apply_early(self, limits: Limits) -> None:

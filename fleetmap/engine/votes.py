@@ -8,19 +8,18 @@ from fleetmap.codecs.messages import Revision
 from fleetmap.engine.stream import Key
 
 
-def most_held(claims: Mapping[Key, Revision]) -> Revision | None:
-    """The latest revision that is claimed; of several of one seq the one that most names hold.
-
-    Ties go to the larger digest.
+def most_held(claims: Mapping[Key, Revision], seq: int) -> Revision | None:
+    """Of the revisions that are claimed under a seq the one that most names hold; ties go to the larger digest.
 
     Parameters
     ----------
-    claims : by whom. A seq needs no votes: nobody can show a later one than the author has said (``engine.chain``)
+    claims : by whom
+    seq : the latest that was shown. Later ones are only claimed as long as nobody shows them, and need no votes then:
+        nobody can show a later one than the author has said (``engine.chain``)
     """
-    last = max((revision.seq for revision in claims.values()), default=0)
     names: dict[Revision, set[str]] = {}
     for (name, _), revision in claims.items():
-        if revision.seq == last:
+        if revision.seq == seq:
             names.setdefault(revision, set()).add(name)
     return max(names, key=lambda revision: (len(names[revision]), revision.digest), default=None)
 

@@ -98,8 +98,8 @@ class JoinOptions:
                 raise ConfigError(option="allow", value=self.allow, reason='expected names, as ["r1", "r2"]')
             for name in self.allow:
                 check_name("allow", name)
-        check_count("max_edges", self.max_edges, most=MAX_EDGES_HELD)
-        check_count("max_edges_in_square", self.max_edges_in_square, most=MAX_EDGES_HELD)
+        check_count("max_edges", self.max_edges, least=1, most=MAX_EDGES_HELD)
+        check_count("max_edges_in_square", self.max_edges_in_square, least=1, most=MAX_EDGES_HELD)
         if self.link is not None and not callable(getattr(self.link, "open", None)):
             reason = "expected a fleetmap.peer.link.Link; None is Zenoh's"
             raise ConfigError(option="link", value=self.link, reason=reason)
