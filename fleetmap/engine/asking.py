@@ -154,7 +154,7 @@ class Asking:
         """Put the questions that are due."""
         for about in self.catchup.expired(now_s):
             self.in_vain(about, now_s)
-        for about in self.catchup.due(now_s, self._holders, self._neighbours.present):
+        for about in self.catchup.due(now_s, self._holders, self._neighbours.steady):
             robot, life = about.peer
             if about.stream is None:
                 # Who holds the same says so, and no list.

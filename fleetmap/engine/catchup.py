@@ -17,8 +17,9 @@ FIRST_RETRY_S, FIRST_LIST_RETRY_S, LONGEST_RETRY_S = 0.2, 0.5, 10.0
 MAX_UNDER_WAY = 32
 MAX_UNDER_WAY_EACH = 4
 """Questions under way at once, to all and to one: who doesn't answer keeps nobody else waiting."""
-MAX_STRANGERS_UNDER_WAY = 16
-"""Of these, questions to who has never spoken: a thousand tokens of nobody leave room for the others."""
+MAX_STRANGERS_LISTING, MAX_STRANGERS_UNDER_WAY = 8, 16
+"""Of these, questions to who doesn't act as a peer, and about streams of such authors: a thousand tokens of nobody and
+as many streams leave room for the others."""
 MAX_REPLIES = 1024
 """Replies to one question, a snapshot's chunks and the records behind them."""
 FAILED = 3
@@ -136,8 +137,8 @@ class Catchup:
                     del self._late[next(iter(self._late))]
         return vain
 
-    def due(self, now_s: float, holders: Callable[[Key], list[Key]], spoke: Callable[[Key], bool]) -> list[About]:
-        """The questions to send now; ``spoke`` says who has ever spoken."""
+    def due(self, now_s: float, holders: Callable[[Key], list[Key]], steady: Callable[[Key], bool]) -> list[About]:
+        """The questions to send now; ``steady`` says who acts as a peer does."""
         if now_s < self._look_s:
             return []
         busy: dict[Key, int] = {}
@@ -158,20 +159,23 @@ class Catchup:
             found.append(about)
             return True
 
-        strangers = sum(not spoke(peer) for peer in listing)
-        # First those who have spoken.
-        for peer in sorted(_ready(self._lists_due_s, now_s), key=lambda peer: not spoke(peer)):
+        strangers = sum(not steady(peer) for peer in listing)
+        # First those who act as peers do.
+        for peer in sorted(_ready(self._lists_due_s, now_s), key=lambda peer: not steady(peer)):
             about = About(peer, None)
-            if not spoke(peer) and strangers >= MAX_STRANGERS_UNDER_WAY:
+            if not steady(peer) and strangers >= MAX_STRANGERS_LISTING:
                 break
             if self._again_s(about) > now_s:
                 self._lists_due_s[peer] = self._again_s(about)
             elif peer not in listing and take(about):
                 listing.add(peer)
-                strangers += not spoke(peer)
+                strangers += not steady(peer)
                 del self._lists_due_s[peer]
         # And those of authors who are there: strangers' streams are many, and cost nothing.
-        for stream in sorted(_ready(self._due_s, now_s), key=lambda stream: not spoke(stream)):
+        strangers = sum(not steady(stream) for stream in asked)
+        for stream in sorted(_ready(self._due_s, now_s), key=lambda stream: not steady(stream)):
+            if not steady(stream) and strangers >= MAX_STRANGERS_UNDER_WAY:
+                break
             if stream in asked:
                 continue
             peers = holders(stream)
@@ -185,6 +189,7 @@ class Catchup:
             # Each in turn, whoever promises most: the author again and again while it answers.
             may.sort(key=lambda peer: self._turn(About(peer, stream)))
             if any(take(About(peer, stream)) for peer in may):
+                strangers += not steady(stream)
                 continue
             if len(may) < len(peers):
                 self._due_s[stream] = min(due_s for due_s in again_s.values() if due_s > now_s)

@@ -338,6 +338,7 @@ class Engine:
             case _:
                 raise WireError(robot=robot, size_bytes=len(payload), reason="wrong key")
         if neighbour is not None:
+            neighbour.steady = neighbour.steady or kind == "digest"
             self._spoke(neighbour)
 
     def _on_reply(self, ask_id: int, about: About | None, payload: bytes, now_s: float) -> None:
@@ -363,6 +364,7 @@ class Engine:
             case _:
                 raise WireError(robot=name, size_bytes=len(payload), reason="not what was asked")
         if neighbour is not None:
+            neighbour.steady = True
             self._spoke(neighbour)
 
     def _on_words(
@@ -465,7 +467,7 @@ class Engine:
             return
         there, silent = self.neighbours.add(key)
         if silent is not None:
-            self._asking.catchup.peer_gone(silent)
+            self._left(silent)
         if not there:
             self.ledger.dropped(key[0], "alive", 0, reason="too_many_peers")
             return
@@ -474,18 +476,21 @@ class Engine:
 
     def _on_gone(self, key: Key) -> None:
         """Its map stays, and it is absent."""
-        robot, _ = key
         neighbour = self.neighbours.remove(key)
         if neighbour is None:
             return
-        self._asking.catchup.peer_gone(key)
+        self._left(neighbour)
+        if self.neighbours.refused:
+            self.neighbours.refused = False
+            self._outputs.append(LookAgain())
+
+    def _left(self, neighbour: Neighbour) -> None:
+        robot, _ = neighbour.key
+        self._asking.catchup.peer_gone(neighbour.key)
         if neighbour.spoke and robot not in self.neighbours.robots():
             self.teammates.gone(robot)
             self._outputs.append(PeersChanged(robot, False))
         self._settle(robot)
-        if self.neighbours.refused:
-            self.neighbours.refused = False
-            self._outputs.append(LookAgain())
 
     def _spoke(self, neighbour: Neighbour) -> None:
         neighbour.unanswered = 0

@@ -28,6 +28,7 @@ class Neighbour:
     Attributes
     ----------
     spoke : it has said something that could be understood. Until then it is nobody: a token is easily forged
+    steady : it has said how far it is, or answered, as a peer does; who only says records gives way to who comes
     listed : it has said what it holds since it was last asked
     unanswered : questions in a row that it left unanswered
     claims : what it says that it holds, by (robot, life)
@@ -35,6 +36,7 @@ class Neighbour:
 
     key: Key
     spoke: bool = False
+    steady: bool = False
     listed: bool = False
     unanswered: int = 0
     claims: dict[Key, Revision] = field(default_factory=dict)
@@ -68,7 +70,7 @@ class Neighbour:
 
 @dataclass(slots=True)
 class Neighbours:
-    """The table of neighbours, bounded; who has never spoken gives way to who comes, and comes back when it speaks.
+    """The table of neighbours, bounded; who acts as no peer gives way to who comes, and comes back when it speaks.
 
     Attributes
     ----------
@@ -92,21 +94,26 @@ class Neighbours:
         neighbour = self.by_key.get(key)
         return neighbour is not None and neighbour.spoke
 
-    def add(self, key: Key) -> tuple[bool, Key | None]:
+    def steady(self, key: Key) -> bool:
+        """Whether a life is there, and acts as a peer does."""
+        neighbour = self.by_key.get(key)
+        return neighbour is not None and neighbour.steady
+
+    def add(self, key: Key) -> tuple[bool, Neighbour | None]:
         """A token appeared: whether there is room for it, and who gave way."""
         if key in self.by_key:
             return True, None
         silent = None
         of_name = sum(name == key[0] for name, _ in self.by_key)
         if of_name >= MAX_LIVES or len(self.by_key) >= MAX_NEIGHBOURS:
-            nobody = [n for n in self.by_key.values() if not n.spoke and (of_name < MAX_LIVES or n.key[0] == key[0])]
+            nobody = [n for n in self.by_key.values() if not n.steady and (of_name < MAX_LIVES or n.key[0] == key[0])]
             if not nobody:
                 self._wait(key)
                 return False, None
-            # Whoever was asked longest ago and said nothing.
-            silent = max(nobody, key=lambda n: n.unanswered).key
-            del self.by_key[silent]
-            self._wait(silent)
+            # Who has never spoken; of these, whoever was asked most often.
+            silent = max(nobody, key=lambda n: (not n.spoke, n.unanswered))
+            del self.by_key[silent.key]
+            self._wait(silent.key)
         self._waiting.pop(key, None)
         self.by_key[key] = Neighbour(key)
         return True, silent
