@@ -8,8 +8,14 @@ from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import forget, set_anchor, supersede
 from fleetmap.codecs.messages import Change, Heartbeat, Record, Revision, RevisionList, SubmapChange
 from fleetmap.engine import Alive, MapChanged
-from fleetmap.engine.catchup import MAX_UNDER_WAY_EACH
+from fleetmap.engine.catchup import (
+    MAX_STRANGERS_LISTING,
+    MAX_STRANGERS_UNDER_WAY,
+    MAX_UNDER_WAY,
+    MAX_UNDER_WAY_EACH,
+)
 from fleetmap.engine.holdings import SPARED_S
+from fleetmap.engine.neighbours import MAX_NEIGHBOURS
 from fleetmap.engine.view import view
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.lattice import Lattice
@@ -176,3 +182,45 @@ def test_who_came_before_a_thousand_tokens_of_nobody_is_there_when_it_speaks() -
             if ask.robot == "good":
                 reply(me, ask, *query(good, ask.kind, ask.payload), now_s=now_s)
     assert held(me, good).revision == good.own.revision
+
+
+def test_who_only_says_records_gives_its_seat_to_who_comes() -> None:
+    """A thousand tokens that each say one record leave no seat to a robot that comes after them, otherwise."""
+    me, good = engine("me"), engine("good")
+    first = engine("first")
+    meet(me, first)
+    first.tick(0.0)
+    deliver(first, me)
+    for i in range(1, MAX_NEIGHBOURS + 10):
+        me.receive(Alive(f"r{i}", i), now_s=0.0)
+        tell(me, (f"r{i}", i), envelope.encode(Record(1, 5, 5, Change({}, ()))))
+    assert len(me.neighbours.by_key) == MAX_NEIGHBOURS
+    meet(me, good)
+    assert good.own.key in me.neighbours
+    # Who acts as a peer does keeps its seat.
+    assert first.own.key in me.neighbours
+
+
+def test_questions_about_streams_of_strangers_leave_room_for_those_of_peers() -> None:
+    me, good = engine("me"), engine("good")
+    now_s = 0.0
+    for i in range(100):
+        me.receive(Alive(f"s{i}", i + 1), now_s=now_s)
+        tell(me, (f"s{i}", i + 1), envelope.encode(Record(2, 5, 5, Change({}, ()))))
+    asked = []
+    for now_s in np.arange(0.0, 1.0, 0.1):
+        me.tick(now_s)
+        asked += asks(me)
+    assert len(asked) <= MAX_STRANGERS_LISTING + MAX_STRANGERS_UNDER_WAY < MAX_UNDER_WAY
+    good.publish("0", room(5))
+    deliver(good)  # nobody hears it
+    meet(me, good)
+    good.tick(now_s)
+    deliver(good, me, now_s=now_s)
+    while held(me, good).revision != good.own.revision:
+        now_s += 0.1
+        assert now_s < 1.4
+        me.tick(now_s)
+        for ask in asks(me):
+            if ask.robot == "good":
+                reply(me, ask, *query(good, ask.kind, ask.payload), now_s=now_s)
