@@ -16,11 +16,10 @@ LIES = 200
 ATTACK_S = 2.0
 SLOWER, SLOWEST_S = 10.0, 1.0
 """How much slower honest words may get, coarsely; a second is never too much. benchmarks/attacks.py shows the ratio."""
-SLOW = (4, 9, 12, 13)
+SLOW = (4, 8, 9, 12, 13)
 """Where all gets slower as long as it lasts, up to some seconds: no goal, but what is so today."""
 PATIENCE = 4.0
 """So many times the usual bounds are allowed then."""
-NOT_YET = {8: "a newcomer takes a thousand streams of strangers, one question each, and is 17 s and more behind"}
 
 
 class Fleets:
@@ -59,8 +58,6 @@ def check(outcome: Outcome, factor: float) -> None:
 
 @pytest.mark.parametrize("number", ATTACKS, ids=lambda number: f"{number}-{ATTACKS[number].say.__name__}")
 def test_honest_maps_stay_right_and_the_fleet_is_whole_after(number: int, fleets: Fleets) -> None:
-    if number in NOT_YET:
-        pytest.skip(NOT_YET[number])
     attack, factor = ATTACKS[number], FACTOR * (PATIENCE if number in SLOW else 1.0)
     try:
         outcome = trial(fleets.get(), attack, seconds=ATTACK_S, rng=np.random.default_rng(number), factor=factor)
