@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+from format_reader import held_hash
 
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import FactsStep
@@ -229,8 +230,10 @@ class Node:
         )
 
     def holds(self) -> dict[Token, tuple[int, int]]:
-        """(robot, life) -> (seq, digest)."""
-        return {s.key: (s.seq, s.digest) for s in self.engine.holdings.streams()}
+        """(robot, life) -> (seq, digest). Their hash, which is kept up to date, is looked at, too."""
+        streams = self.engine.holdings.streams()
+        assert self.engine.holdings.held_hash() == held_hash([(s.robot, s.life, s.seq, s.digest) for s in streams])
+        return {s.key: (s.seq, s.digest) for s in streams}
 
     def lives_of(self, robot: str) -> set[int]:
         """The lives of a robot that are kept here."""

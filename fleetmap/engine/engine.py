@@ -373,7 +373,7 @@ class Engine:
         """A record or a part of a snapshot, by whatever way it came: from its author, or from a mirror."""
         robot, by_author = key[0], speaker == key
         # Kept only once it has said something that holds: who invents streams fills no table.
-        replica = self.holdings.replicas.get(key) or Replica(Stream(*key))
+        replica = self.holdings.to_change(key)
         try:
             if isinstance(message, Record):
                 outcome = replica.offer(message, raw, self.limits, by_author=by_author)

@@ -62,6 +62,11 @@ class Holdings:
     """Dropped for want of room."""
     _edges: int = 0
     """Of all replicas, when room was needed last."""
+    _touched: set[Key] = field(default_factory=set)
+    """Replicas that may have changed since ``_sum`` was right."""
+    _summed: dict[Key, int] = field(default_factory=dict)
+    _sum: int = 0
+    """Of the replicas' hashes; ``_summed`` are those by key."""
 
     @property
     def own(self) -> Stream:
@@ -74,8 +79,24 @@ class Holdings:
         return sorted([self.own, *kept], key=lambda s: s.key)
 
     def held_hash(self) -> int:
-        """One hash over the revisions of all streams that are kept: peers with equal hashes hold the same."""
-        return sum(_revision_hash(s.robot, s.revision) for s in self.streams()) & _MASK
+        """One hash over the revisions of all streams that are kept: peers with equal hashes hold the same.
+
+        In time proportional to what was touched since the last call: each heartbeat that comes asks for it.
+        """
+        for key in self._touched:
+            replica = self.replicas.get(key)
+            counts = replica is not None and replica.kept and replica.stream.seq > 0
+            now = _revision_hash(key[0], replica.stream.revision) if replica is not None and counts else 0
+            self._sum += now - self._summed.pop(key, 0)
+            if now:
+                self._summed[key] = now
+        self._touched.clear()
+        return (self._sum + _revision_hash(self.own.robot, self.own.revision)) & _MASK
+
+    def to_change(self, key: Key) -> Replica:
+        """The replica of a stream, for who is about to change it; a new one, not held yet, if there is none."""
+        self._touched.add(key)
+        return self.replicas.get(key) or Replica(Stream(*key))
 
     def held(self, key: Key) -> Stream:
         """A replica's stream; with seq 0 if there is none."""
@@ -134,6 +155,7 @@ class Holdings:
         self._ended = {key: doubt for key, doubt in ended.items() if key[0] != robot}
         for replica in replicas:
             was, replica.kept = replica.kept, replica.stream.life in kept
+            self._touched.add(replica.key)
             if not replica.kept and lives(replica.stream.life):
                 self._ended[replica.key] = self._since(ended, replica.stream)
             spared = replica.key in self._ended and not self._is_over(self._ended[replica.key])
@@ -176,6 +198,7 @@ class Holdings:
     def drop(self, key: Key, *, crowded: bool = False) -> Stream:
         """Hold a replica no longer, for good or for want of room; returns it as it was."""
         stream = self.replicas.pop(key).stream
+        self._touched.add(key)
         dropped = self._crowded if crowded else self._dropped
         dropped[key] = stream.revision
         dropped.move_to_end(key)
