@@ -18,6 +18,7 @@ from fleetmap.model.errors import ConfigError, MapWarning, NoPath
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
+from fleetmap.peer.endpoints import check_endpoints
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 from fleetmap.vectorize import vectorize
 
@@ -33,7 +34,18 @@ OPTIONS = [
     ({"connect": "tcp/10.0.0.2:7447"}, r'expected a list, as \["tcp/'),
     ({"connect": 7447}, "expected a list"),
     ({"listen": [7447]}, "expected tcp/HOST:PORT"),
-    ({"listen": ["udp/10.0.0.2:7447"]}, "expected tcp/HOST:PORT"),
+    ({"listen": ["udp/10.0.0.2:7447"]}, "expected tcp/HOST:PORT.*lose state"),
+    ({"listen": ["127.0.0.1:7447"]}, "the protocol is missing"),
+    ({"connect": ["tcp/127.0.0.1"]}, "the port is missing"),
+    ({"connect": ["tcp/127.0.0.1:99999"]}, "the port is '99999', not 1 to 65535"),
+    ({"connect": ["tcp/127.0.0.1:0"]}, "the port is '0', not 1 to 65535"),
+    ({"connect": ["tcp/10.0.0.2:+80"]}, "the port is"),
+    ({"connect": ["tcp/:7447"]}, "the host is missing"),
+    ({"connect": ["tcp/10.0.0.2 :7447"]}, "a space"),
+    ({"connect": ["tcp/10.0.0.2:7447,tcp/10.0.0.3:7447"]}, "expected tcp/HOST:PORT"),
+    ({"connect": ["tcp/10.0.0:7447"]}, "no address"),
+    ({"connect": ["tcp/[fe80::1::2]:7447"]}, "no address"),
+    ({"connect": ["tcp/-seed-:7447"]}, "no name of a host"),
     ({"profile": "wan"}, "expected one of lan, local"),
     ({"profile": ["lan"]}, "expected one of lan, local"),
     ({"config": ["mode"]}, "keys -> values"),
@@ -65,6 +77,18 @@ async def test_the_sync_facade_refuses_the_same_options(options, expected):
     hub = MemoryHub(LoopClock())
     with pytest.raises(ConfigError, match=expected):
         fleetmap.sync.join("a", link=hub.link("a"), **options)
+
+
+def test_endpoints_of_every_kind_that_zenoh_takes_are_taken():
+    good = [
+        "tcp/seed-1.local:7447",
+        "tls/10.0.0.2:7447",
+        "tcp/[::1]:7447",
+        "tcp/[fe80::1%eth0]:65535",
+        "tcp/a:1#iface=b",
+    ]
+    assert check_endpoints("connect", good) == good
+    assert check_endpoints("listen", ["tcp/0.0.0.0:0"]) == ["tcp/0.0.0.0:0"]
 
 
 def test_both_faces_take_the_same_options_and_show_each_of_them():

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 
 from fleetmap.model.errors import ConfigError
+from fleetmap.peer.endpoints import check_endpoints
 
 PROFILES = ("lan", "local")
 """``lan``: peers that find each other by multicast, and by the endpoints given. ``local``: by endpoints only."""
@@ -18,23 +19,17 @@ def zenoh_settings(
 
     Raises
     ------
-    ConfigError : the profile is unknown, an endpoint is no TCP or TLS one, or a setting can't be written as JSON
+    ConfigError : an unknown profile, no endpoint (``peer.endpoints``), or a setting that can't be written as JSON
     """
     if profile not in PROFILES:
         raise ConfigError(option="profile", value=profile, reason=f"expected one of {', '.join(PROFILES)}")
-    for option, endpoints in (("listen", listen), ("connect", connect)):
-        if isinstance(endpoints, str) or not isinstance(endpoints, Sequence):
-            raise ConfigError(option=option, value=endpoints, reason='expected a list, as ["tcp/10.0.0.2:7447"]')
-        for endpoint in endpoints:
-            # Recovery over UDP stalls for 10 s once a reply is lost: state never travels on it.
-            if not isinstance(endpoint, str) or not endpoint.startswith(("tcp/", "tls/")):
-                raise ConfigError(option=option, value=endpoint, reason="expected tcp/HOST:PORT or tls/HOST:PORT")
+    listening, connecting = check_endpoints("listen", listen), check_endpoints("connect", connect)
     further = _checked_config({} if config is None else config)
     everywhere = "tcp/127.0.0.1:0" if profile == "local" else "tcp/0.0.0.0:0"
     return {
         "mode": "peer",
-        "listen/endpoints": list(listen) or [everywhere],
-        "connect/endpoints": list(connect),
+        "listen/endpoints": listening or [everywhere],
+        "connect/endpoints": connecting,
         "scouting/multicast/enabled": profile == "lan",
         "scouting/gossip/enabled": True,
         "scouting/delay": 100,
