@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import statistics
 import sys
 from collections import defaultdict
@@ -27,6 +28,8 @@ FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
 
 def main() -> int:
     """Run all cases and print how long each took."""
+    # A shell that runs this in the background has it, and its children, ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="cases with these words, separated by commas")
     parser.add_argument("--times", type=int, default=1)

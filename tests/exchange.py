@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 import numpy as np
 from format_reader import held_hash
@@ -210,7 +210,7 @@ class Node:
                 case Ask():
                     self._ask(output)
                 case Answer():
-                    output.reply(output.payloads)
+                    output.reply(output.payloads, last=output.last)
                 case event:
                     self.events.append(event)
                     if isinstance(event, LifeChanged):
@@ -247,7 +247,7 @@ class Node:
 class Fleet:
     """Nodes on one hub."""
 
-    def __init__(self, names: str = "", fate: Fate = arrives) -> None:
+    def __init__(self, names: Iterable[str] = "", fate: Fate = arrives) -> None:
         self.clock = FakeClock()
         self.hub = MemoryHub(self.clock, fate=fate)
         self.nodes: dict[str, Node] = {}

@@ -131,16 +131,25 @@ def runs() -> Iterator[Iterator[VectorMap]]:
 
 ROBOT, SEED = "r7", bytes(range(16))
 OTHERS: list[tuple[msg.Message, object]] = [
-    (msg.Heartbeat(7, 2**63 + 1), [7, 2**63 + 1]),
+    (msg.Heartbeat(7, 2**63 + 1), [7, 2**63 + 1, 0]),
     (msg.Want("r8", msg.Revision(2**64 - 1, 0, 0)), ["r8", 2**64 - 1, 0, 0]),
     (msg.Want("r8", msg.Revision(255, 3, 2**63), (9, 2**62, 4)), ["r8", 255, 3, 2**63, 9, 2**62, 4]),
     (
         msg.RevisionList((("r7", msg.Revision(255, 3, 2**63)), ("r8", msg.Revision(1, 1, 0)))),
         [[["r7", 255, 3, 2**63], ["r8", 1, 1, 0]]],
     ),
-    (msg.PoseMessage(-1500, 10**9, -3142), [-1500, 10**9, -3142]),
-    (msg.GoalMessage((-1, 70_000)), [[-1, 70_000]]),
-    (msg.GoalMessage(None), [None]),
+    (
+        msg.Heartbeat(7, 9, 2**32 - 1, (-1500, 10**9, -3142), (-1, 70_000)),
+        [7, 9, 2**32 - 1, [-1500, 10**9, -3142], [-1, 70_000]],
+    ),
+    (msg.Heartbeat(7, 9, 1, None, (0, 0)), [7, 9, 1, None, [0, 0]]),
+    (msg.Ranges((msg.Range(3, 3, 5), msg.Range(5, 9, rows=()))), [[[5, 3, 3], [[], 5, 9]]]),
+    (
+        msg.Ranges((msg.Range(0, 2**63, 5), msg.Range(2**63 + 1, 2**64 - 1, rows=(("r7", msg.Revision(255, 3, 4)),)))),
+        [[[5, 2**63], [[["r7", 255, 3, 4]], 2**64 - 1]]],
+    ),
+    (msg.Living((("r7", 255), ("r8", 1))), [[["r7", 255], ["r8", 1]]]),
+    (msg.Relay("r8", 2**64 - 1), ["r8", 2**64 - 1]),
     (
         msg.StatsMessage(12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10)}, {"grid_gzip_full": (1, 900, 1)}),
         [12_000, 2, 68, 5592, [4, 600, 4], {"delta": [10, 655, 10]}, {"grid_gzip_full": [1, 900, 1]}],

@@ -11,7 +11,7 @@ def ledger(publishes: int) -> Ledger:
     counted = Ledger()
     for k in range(publishes):
         counted.sent("delta", 40)
-        counted.sent("pose", 10)
+        counted.sent("digest", 33)
         counted.published(float(k), {"grid_gzip_full": 5000, "grid_gzip_updates": 1500, "grid_exact_updates": 80})
     counted.sent("digest", 13)
     counted.watched(300)
@@ -24,7 +24,7 @@ def test_a_fleet_is_the_sum_of_its_robots():
         stats = ledger(publishes).stats()
         parts.append(compare(stats.sent, stats.grids, 10.0 * publishes))
     fleet = together(parts)
-    assert fleet.vector == 10 * 50 + 2 * 13
+    assert fleet.vector == 10 * 73 + 2 * 13
     assert fleet.time_s == 100.0
     assert fleet.wire.total == sum(part.wire.total for part in parts)
     for name in BASELINES:
@@ -46,7 +46,7 @@ def test_the_better_the_grid_is_packed_the_nearer_it_comes_and_never_by_what_bot
 def test_what_a_watcher_asks_for_is_not_what_the_robot_sent():
     stats = ledger(1).stats()
     assert stats.watched == Count(1, 300, 1)
-    assert stats.bytes_vector == 40 + 10 + 13
+    assert stats.bytes_vector == 40 + 33 + 13
     assert "watched" not in stats.sent
 
 

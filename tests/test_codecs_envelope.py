@@ -31,9 +31,13 @@ MESSAGES: list[msg.Message] = [
     msg.Want("r-1", REVISION),
     msg.Want("r-1", REVISION, (9, 5, 2)),
     msg.RevisionList((("a", REVISION), ("b", msg.Revision(1, 1, 0)))),
-    msg.PoseMessage(-(10**9), 5, -3142),
-    msg.GoalMessage((4, -5)),
-    msg.GoalMessage(None),
+    msg.Heartbeat(0, 7, 2**32 - 1, (-(10**9), 5, -3142), (4, -5)),
+    msg.Heartbeat(0, 7, 0, None, (4, -5)),
+    msg.Heartbeat(0, 7, 0, (1, 2, 3), None),
+    msg.Ranges(()),
+    msg.Ranges((msg.Range(0, 2, 7), msg.Range(3, 3, rows=(("a", REVISION),)), msg.Range(9, 2**64 - 1, 7))),
+    msg.Living((("a", 0), ("b", 2**64 - 1))),
+    msg.Relay("a", 7),
     msg.StatsMessage(12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10), "pose": (1, 9, 1)}, {}),
 ]
 
@@ -48,7 +52,7 @@ def test_a_change_comes_back() -> None:
 
 
 def test_a_heartbeat_is_small() -> None:
-    assert len(env.encode(msg.Heartbeat(500, 2**63))) <= 14
+    assert len(env.encode(msg.Heartbeat(500, 2**63))) <= 19
 
 
 @given(st.binary(max_size=80))
@@ -99,10 +103,13 @@ def test_damaged_messages_raise_nothing_but_wire_errors(message: msg.Message, da
         ([0x2F], "unknown kind"),
         ([True], "version and kind"),
         ([], "version and kind"),
-        ([0x23, True, 1], "whole number"),
-        ([0x23, 2**18 + 1, 1], "whole number"),
-        ([0x23, -1, 1], "whole number"),
-        ([0x23, 1, 1, 1], "array of 2"),
+        ([0x23, True, 1, 1], "whole number"),
+        ([0x23, 2**18 + 1, 1, 1], "whole number"),
+        ([0x23, -1, 1, 1], "whole number"),
+        ([0x23, 1, 1], "array of 3"),
+        ([0x23, 1, 1, 2**32], "whole number"),
+        ([0x26, [[5, 9], [5, 9, 12]]], "whole number"),
+        ([0x26, [[5, 2**64 - 1], [5, 2**64 - 1]]], "whole number"),
         ([0x22, 1, 1, 1, 3, 3, b""], "whole number"),
         ([0x22, 1, 1, 1, 0, msg.MAX_CHUNKS + 1, b""], "whole number"),
         ([0x22, 0, 1, 1, 0, 1, b""], "whole number"),

@@ -243,10 +243,11 @@ def test_a_whole_number_as_error_bound_and_any_yaw_are_understood() -> None:
     author = engine("r")
     author.publish("0", VectorMap(Lattice(50_000), room(5).edges, room(5).thickness, 1))
     author.set_pose(1.0, 2.0, 7.0)
+    author.tick(0.0)
     me = listener(author)
     assert held(me, author).digest == author.own.digest
     mate = me.teammates.by_name["r"]
-    assert (mate.life, mate.pose) == (author.own.life, msg.PoseMessage(1000, 2000, 717))
+    assert (mate.life, mate.pose) == (author.own.life, (1000, 2000, 717))
 
 
 def test_forgetting_an_unknown_robot_is_an_error() -> None:
@@ -287,10 +288,13 @@ _GENUINE = [
     env.encode(msg.Heartbeat(9, 9)),
     env.encode(msg.RevisionList((("me", msg.Revision(1, 5, 5)), ("q", msg.Revision(2, 2, 2))))),
     env.encode(msg.Want("r", msg.Revision(LINK, 0, 0))),
-    env.encode(msg.PoseMessage(1, 1, 1)),
+    env.encode(msg.Heartbeat(9, 9, 9, (1, 1, 1), (1, 1))),
+    env.encode(msg.Ranges((msg.Range(0, 2**64 - 1, 7), msg.Range(3, 9, rows=())))),
+    env.encode(msg.Living((("q", 2),))),
+    env.encode(msg.Relay("r", LINK)),
 ]
-_KINDS = st.sampled_from(["delta", "digest", "pose", "goal", "other"])
-_ASKED = st.sampled_from(["snapshot", "revisions", "mirror", "x"])
+_KINDS = st.sampled_from(["delta", "digest", "other"])
+_ASKED = st.sampled_from(["snapshot", "revisions", "mirror", "relay", "x"])
 
 
 @settings(max_examples=100)

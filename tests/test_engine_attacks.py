@@ -59,7 +59,7 @@ class Stranger:
             node.deliver(Alive(robot, life))
 
     def ask(self, robot: str, kind: str, payload: bytes) -> None:
-        self.fleet.nodes[robot].deliver(Query(kind, payload, self.answered.extend))
+        self.fleet.nodes[robot].deliver(Query(kind, payload, lambda replies, last=True: self.answered.extend(replies)))
 
     def publish(self, author: Engine) -> None:
         for put in said(author):

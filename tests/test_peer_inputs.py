@@ -94,7 +94,7 @@ def test_endpoints_of_every_kind_that_zenoh_takes_are_taken():
 def test_both_faces_take_the_same_options_and_show_each_of_them():
     asyncio_face, sync_face = inspect.signature(fleetmap.join), inspect.signature(fleetmap.sync.join)
     assert asyncio_face.parameters == sync_face.parameters
-    assert asyncio_face.parameters["heartbeat_s"].default == 2.0
+    assert asyncio_face.parameters["heartbeat_s"].default is None
     assert [face.return_annotation for face in (asyncio_face, sync_face)] == ["Peer", "SyncPeer"]
     for join in (fleetmap.join, fleetmap.sync.join):
         with pytest.raises(TypeError, match="'flet'"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import logging
 import time
 from functools import partial
@@ -23,7 +22,6 @@ from fleetmap.peer import inbox as inbox_module
 from fleetmap.peer.inbox import Inbox
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 from fleetmap.peer.profiles import zenoh_settings
-from fleetmap.peer.supervisor import PAUSE_S, LinkSupervisor
 
 
 def grid(width: int = 60, *, resolution_m: float = 0.05) -> OccupancyGrid:
@@ -164,47 +162,6 @@ async def test_a_robot_that_is_forgotten_is_out_of_the_merged_map(everywhere: bo
         assert (len(await c.synced(20.0, at_least=1)) == 0) == everywhere
         with pytest.raises(fleetmap.ConfigError, match="no map of that robot"):
             await b.forget("ghost")
-
-
-async def test_a_robot_that_is_heard_of_through_a_mirror_has_the_link_opened_anew() -> None:
-    hub = MemoryHub(LoopClock())
-    reopened = asyncio.Event()
-    link = hub.link("a")
-
-    async def reopen() -> None:
-        hub.heal("a", "b")
-        reopened.set()
-
-    def arrived(peer: fleetmap.Peer, seq: int) -> bool:
-        return reopened.is_set() or peer.peers[0].seq == seq
-
-    link.reopen = reopen  # type: ignore[method-assign]
-    join = partial(fleetmap.join, start=Pose2(), heartbeat_s=0.05)
-    async with join("a", link=link) as a, join("b", link=hub.link("b")) as b, join("c", link=hub.link("c")):
-        await a.synced(20.0, at_least=2)
-        hub.cut("a", "b")
-        async with asyncio.timeout(20.0):
-            for seq in itertools.count(2):
-                if reopened.is_set():
-                    break
-                assert await b.publish(grid(60 + 10 * seq))
-                # The next one only after this one came here, by way of c.
-                async with a.stepped:
-                    await a.stepped.wait_for(partial(arrived, a, seq))
-        await a.synced(20.0, at_least=2)
-        assert [(p.robot, p.alive) for p in a.peers] == [("b", True), ("c", True)]
-
-
-def test_the_supervisor_is_patient_and_pauses() -> None:
-    supervisor = LinkSupervisor()
-    assert [supervisor.detour("r", float(t)) for t in range(4)] == [False, False, True, False]
-    assert not supervisor.detour("r", 5.0)
-    assert not supervisor.detour("r", 6.0)
-    assert supervisor.detour("r", 2.0 + PAUSE_S)
-    supervisor.detour("q", 100.0)
-    supervisor.detour("q", 100.0)
-    supervisor.linked("q")
-    assert not supervisor.detour("q", 200.0)
 
 
 async def test_a_peer_opens_once() -> None:

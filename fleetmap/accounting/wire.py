@@ -32,16 +32,10 @@ KEEP_ALIVE_BYTES = 2 + 1
 """Length of the batch, and a header."""
 KEEP_ALIVES_A_LEASE = 4
 """Zenoh's own default; one is sent when a link has carried nothing else this way for a quarter of the lease."""
-TIMESTAMP_BYTES = 9 + 1 + 16
-"""Time (64 bits, 7 to a byte, the last 8), length of the session's id, and the id."""
 PUSH_BYTES = 1 + 1 + 1 + 1 + 1
 """Headers of push and put, number of the declared prefix ``fleetmap/<fleet>``, lengths of suffix and payload."""
 LIFE_BYTES = 1 + 16
 """The end of each key, as text: Zenoh has numbers only for what the receiver has declared, which holds no life."""
-SOURCE_BYTES = 2 + 1 + 16 + 1 + 1
-"""What an advanced publisher adds: an extension with the session's id, the publisher's, and the sample's number."""
-MISS_BYTES = BATCH_BYTES + 1 + 1 + 2 + 1 + TIMESTAMP_BYTES + 1 + 4
-"""An advanced publisher's own heartbeat: headers, declared key, priority, time stamp, length, number of the sample."""
 QUERY_BYTES = BATCH_BYTES + 1 + 1 + 1 + 2 + 2 + 3 + 5
 """Header, number, declared key, priority, target, timeout; header, consolidation and payload's extension."""
 REPLY_BYTES = BATCH_BYTES + 1 + 1 + 1 + 1 + 2 + 20 + 2 + 1 + 4
@@ -52,8 +46,8 @@ LONG_PAYLOAD_BYTES = 1
 
 QUERIES = ("want",)
 REPLIES = ("repair", "list")
-ALIKE = ("digest", "pose", "goal")
-"""What a fleet that shares grids would say just as well: these kinds count on both sides."""
+ALIKE = ("digest",)
+"""What a fleet that shares grids would say just as well: heartbeats, with poses and goals. They count on both sides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +58,11 @@ class Transport:
     ----------
     robot, fleet : names; they stand in keys
     lease_s : Zenoh's lease; keep-alives follow each quarter of it
-    miss_heartbeat_s : an advanced publisher tells the number of its last delta once in such a time, if it is new; None:
-        deltas are plain samples
     """
 
     robot: str = "r0"
     fleet: str = "sim"
-    lease_s: float = 3.0
-    miss_heartbeat_s: float | None = 0.5
+    lease_s: float = 10.0
 
 
 class WireBytes(NamedTuple):
@@ -79,7 +70,7 @@ class WireBytes(NamedTuple):
 
     payload: int = 0
     zenoh: int = 0
-    """Zenoh's framing, and the heartbeats of its advanced publisher."""
+    """Zenoh's framing."""
     tcp_ip: int = 0
     """Headers of the segments of payload and framing."""
     acknowledgements: int = 0
@@ -94,8 +85,8 @@ class WireBytes(NamedTuple):
 
 
 def segments(size_bytes: int) -> int:
-    """TCP segments of a message with so much payload; some 80 bytes of framing come with it."""
-    return math.ceil((size_bytes + BATCH_BYTES + PUSH_BYTES + TIMESTAMP_BYTES + SOURCE_BYTES + 16) / SEGMENT_BYTES)
+    """TCP segments of a message with so much payload; some 50 bytes of framing come with it."""
+    return math.ceil((size_bytes + BATCH_BYTES + PUSH_BYTES + 40) / SEGMENT_BYTES)
 
 
 def wire_bytes(sent: Mapping[str, Count], time_s: float, transport: Transport | None = None) -> WireBytes:
@@ -121,16 +112,13 @@ def wire_bytes(sent: Mapping[str, Count], time_s: float, transport: Transport | 
             acknowledgements += count.messages + max(0, count.segments - count.messages) // SEGMENTS_AN_ACK
     said = sum(count.messages for kind, count in sent.items())
     beats = sent["digest"].messages if "digest" in sent else 0
-    misses = _misses(sent, time_s, transport)
-    zenoh += misses * MISS_BYTES
-    alive = keep_alives(
-        time_s, regular=beats, others=said - beats + misses, every_s=transport.lease_s / KEEP_ALIVES_A_LEASE
-    )
+    every_s = transport.lease_s / KEEP_ALIVES_A_LEASE
+    alive = keep_alives(time_s, regular=beats, others=said - beats, every_s=every_s)
     return WireBytes(
         payload=sum(count.size_bytes for count in sent.values()),
         zenoh=zenoh,
-        tcp_ip=(pieces + misses) * TCP_IP_BYTES,
-        acknowledgements=(acknowledgements + misses) * TCP_IP_BYTES,
+        tcp_ip=pieces * TCP_IP_BYTES,
+        acknowledgements=acknowledgements * TCP_IP_BYTES,
         keep_alives=round(alive * (KEEP_ALIVE_BYTES + 2 * TCP_IP_BYTES)),
     )
 
@@ -184,13 +172,5 @@ def _framing(kind: str, transport: Transport) -> int:
         return QUERY_BYTES
     if kind in REPLIES:
         return REPLY_BYTES + len(f"fleetmap/{transport.fleet}/{transport.robot}/revisions") + LIFE_BYTES
-    advanced = kind == "delta" and transport.miss_heartbeat_s is not None
     suffix = len(f"/{transport.robot}/{kind}") + LIFE_BYTES
-    return BATCH_BYTES + PUSH_BYTES + suffix + TIMESTAMP_BYTES + (SOURCE_BYTES if advanced else 0)
-
-
-def _misses(sent: Mapping[str, Count], time_s: float, transport: Transport) -> int:
-    """Heartbeats of the advanced publisher: at most one a delta, and one each interval."""
-    if transport.miss_heartbeat_s is None or "delta" not in sent:
-        return 0
-    return min(sent["delta"].messages, math.ceil(time_s / transport.miss_heartbeat_s))
+    return BATCH_BYTES + PUSH_BYTES + suffix

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 import msgpack
@@ -26,14 +26,17 @@ from fleetmap.codecs.messages import (
     MAX_TALLIES,
     PROFILES,
     Change,
-    GoalMessage,
     Heartbeat,
+    Living,
     MapHeader,
     Message,
-    PoseMessage,
+    Range,
+    Ranges,
     Record,
+    Relay,
     Revision,
     RevisionList,
+    Row,
     SnapshotChunk,
     StatsMessage,
     SubmapChange,
@@ -62,16 +65,19 @@ def encode(message: Message) -> bytes:
             fields = [seq, link, check, *_change_out(change)]
         case SnapshotChunk(seq, digest, link, index, count, data):
             fields = [seq, digest, link, index, count, data]
-        case Heartbeat(seq, held):
-            fields = [seq, held]
+        case Heartbeat(seq, held, alive, pose, goal):
+            where = [] if pose is None and goal is None else [pose and list(pose), goal and list(goal)]
+            fields = [seq, held, alive, *where]
         case Want(robot, revision, partial):
             fields = [robot, *_revision_out(revision), *(partial or ())]
         case RevisionList(revisions):
-            fields = [[[robot, *_revision_out(revision)] for robot, revision in revisions]]
-        case PoseMessage(x_mm, y_mm, yaw_mrad):
-            fields = [x_mm, y_mm, yaw_mrad]
-        case GoalMessage(goal_mm):
-            fields = [list(goal_mm) if goal_mm else None]
+            fields = [_rows_out(revisions)]
+        case Ranges(ranges):
+            fields = [_ranges_out(ranges)]
+        case Living(tokens):
+            fields = [[list(token) for token in tokens]]
+        case Relay(robot, life):
+            fields = [robot, life]
         case StatsMessage(age_ms, links, edges, explored_dm2, watched, sent, grids):
             fields = [age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids)]
     packed: bytes = msgpack.packb([VERSION << 4 | message.KIND, *fields])
@@ -178,8 +184,10 @@ def _read_message(fields: object) -> Message:
             seq = _integer(a[0], 1, MAX_SEQ)
             return SnapshotChunk(seq, _word(a[1]), _word(a[2]), index, count, _bytes(a[5], MAX_CHUNK_BYTES))
         case Heartbeat.KIND:
-            a = _array(body, 2)
-            return Heartbeat(_integer(a[0], 0, MAX_SEQ), _word(a[1]))
+            a = body if len(body) == 5 else (*_array(body, 3), None, None)
+            pose = None if a[3] is None else _read_mm_mrad(a[3])
+            goal = None if a[4] is None else _read_mm(_array(a[4], 2))
+            return Heartbeat(_integer(a[0], 0, MAX_SEQ), _word(a[1]), _integer(a[2], 0, MAX_COUNTER), pose, goal)
         case Want.KIND:
             a = body if len(body) == 7 else _array(body, 4)
             partial = None
@@ -187,26 +195,65 @@ def _read_message(fields: object) -> Message:
                 partial = (_integer(a[4], 1, MAX_SEQ), _word(a[5]), _integer(a[6], 1, MAX_CHUNKS))
             return Want(_name(a[0]), _read_revision(a[1:4]), partial)
         case RevisionList.KIND:
-            rows = [_array(row, 4) for row in _rows(_array(body, 1)[0])]
-            return RevisionList(tuple((_name(row[0]), _read_revision(row[1:])) for row in rows))
-        case PoseMessage.KIND:
-            a = _array(body, 3)
-            return PoseMessage(
-                _integer(a[0], -MAX_MM, MAX_MM), _integer(a[1], -MAX_MM, MAX_MM), _integer(a[2], -3142, 3142)
-            )
-        case GoalMessage.KIND:
-            (place,) = _array(body, 1)
-            goal = None
-            if place is not None:
-                x_mm, y_mm = _array(place, 2)
-                goal = (_integer(x_mm, -MAX_MM, MAX_MM), _integer(y_mm, -MAX_MM, MAX_MM))
-            return GoalMessage(goal)
+            return RevisionList(_read_rows(_array(body, 1)[0]))
+        case Ranges.KIND:
+            return Ranges(_read_ranges(_array(body, 1)[0]))
+        case Living.KIND:
+            tokens = [_array(token, 2) for token in _rows(_array(body, 1)[0])]
+            return Living(tuple((_name(robot), _word(life)) for robot, life in tokens))
+        case Relay.KIND:
+            asked_for = _array(body, 2)
+            return Relay(_name(asked_for[0]), _word(asked_for[1]))
         case StatsMessage.KIND:
             a = _array(body, 7)
             links, edges = (_integer(a[i], 0, MAX_COUNTER) for i in (1, 2))
             age_ms, explored_dm2 = (_integer(a[i], 0, MAX_COUNT) for i in (0, 3))
             return StatsMessage(age_ms, links, edges, explored_dm2, _tally(a[4]), _tallies(a[5]), _tallies(a[6]))
     raise ValueError(f"unknown kind {kind}")
+
+
+def _rows_out(rows: Iterable[Row]) -> list[list[object]]:
+    return [[robot, *_revision_out(revision)] for robot, revision in rows]
+
+
+def _read_rows(fields: object) -> tuple[Row, ...]:
+    rows = [_array(row, 4) for row in _rows(fields)]
+    return tuple((_name(row[0]), _read_revision(row[1:])) for row in rows)
+
+
+def _ranges_out(ranges: Iterable[Range]) -> list[list[object]]:
+    """A range that follows the one before says only where it ends."""
+    out: list[list[object]] = []
+    next_first = 0
+    for of in ranges:
+        where = [of.last] if of.first == next_first else [of.first, of.last]
+        out.append([of.held if of.rows is None else _rows_out(of.rows), *where])
+        next_first = of.last + 1
+    return out
+
+
+def _read_ranges(fields: object) -> tuple[Range, ...]:
+    ranges: list[Range] = []
+    next_first = 0
+    for row in _rows(fields):
+        a = _rows(row)
+        what, first, last = a if len(a) == 3 else (_array(a, 2)[0], next_first, a[1])
+        # They ascend: whoever has one place in many ranges would have it looked at so often.
+        lower = _integer(first, next_first, MAX_LIFE)
+        upper = _integer(last, lower, MAX_LIFE)
+        listed = isinstance(what, tuple)
+        ranges.append(Range(lower, upper, None if listed else _word(what), _read_rows(what) if listed else None))
+        next_first = upper + 1
+    return tuple(ranges)
+
+
+def _read_mm(fields: tuple[object, ...]) -> tuple[int, int]:
+    return _integer(fields[0], -MAX_MM, MAX_MM), _integer(fields[1], -MAX_MM, MAX_MM)
+
+
+def _read_mm_mrad(fields: object) -> tuple[int, int, int]:
+    x_mm, y_mm, yaw_mrad = _array(fields, 3)
+    return *_read_mm((x_mm, y_mm)), _integer(yaw_mrad, -3142, 3142)
 
 
 def _revision_out(revision: Revision) -> list[int]:

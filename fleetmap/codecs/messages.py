@@ -108,11 +108,23 @@ class SnapshotChunk:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """How far the sender's own stream is, and one hash over the revisions of all streams that it holds."""
+    """How far the sender is, and where.
+
+    Parameters
+    ----------
+    seq : of its own stream
+    held : one hash over the revisions of all streams that it holds
+    alive : one hash of 32 bits over who lives, as it sees it, itself too
+    pose : x mm, y mm, yaw mrad, in the map frame of its life; None: it announces none
+    goal : where it is going, x mm, y mm; None: nowhere
+    """
 
     KIND: ClassVar[int] = 3
     seq: int
     held: int
+    alive: int = 0
+    pose: tuple[int, int, int] | None = None
+    goal: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,30 +140,54 @@ class Want:
     partial: tuple[int, int, int] | None = None
 
 
+Row = tuple[str, Revision]
+"""A stream as somebody holds it."""
+
+
 @dataclass(frozen=True, slots=True)
 class RevisionList:
     """All streams that the sender keeps: (robot, revision), ascending."""
 
     KIND: ClassVar[int] = 5
-    revisions: tuple[tuple[str, Revision], ...]
+    revisions: tuple[Row, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class PoseMessage:
-    """Where the sender is in the map frame of its life: millimetres and milliradians."""
+class Range:
+    """What the sender holds of the streams whose places (``engine.ranges``) are from ``first`` to ``last``.
+
+    Either ``held``, a hash over their revisions, or ``rows``, all of them.
+    """
+
+    first: int
+    last: int
+    held: int | None = None
+    rows: tuple[Row, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ranges:
+    """Ranges, ascending, in which the sender may hold something else than whoever reads it."""
 
     KIND: ClassVar[int] = 6
-    x_mm: int
-    y_mm: int
-    yaw_mrad: int
+    ranges: tuple[Range, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class GoalMessage:
-    """Where the sender is going, in its map frame, millimetres; None: nowhere."""
+class Living:
+    """The (robot, life) of all that the sender sees, itself too, ascending."""
 
     KIND: ClassVar[int] = 7
-    goal_mm: tuple[int, int] | None
+    tokens: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Relay:
+    """For a while: hand on what the life of a robot says, whom the asker has no link to."""
+
+    KIND: ClassVar[int] = 9
+    robot: str
+    life: int
 
 
 Tally = tuple[int, int, int]
@@ -184,4 +220,4 @@ class StatsMessage:
     grids: Mapping[str, Tally]
 
 
-Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | PoseMessage | GoalMessage | StatsMessage
+Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | Ranges | Living | Relay | StatsMessage

@@ -8,11 +8,10 @@ for output in engine.take_outputs(): ...                              # Put, Ask
 
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.engine import Engine
-from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd
+from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
 from fleetmap.engine.outputs import (
     Answer,
     Ask,
-    Detour,
     Event,
     LifeChanged,
     LookAgain,
@@ -21,14 +20,15 @@ from fleetmap.engine.outputs import (
     PeersChanged,
     Put,
 )
+from fleetmap.engine.relays import RELAY_S
 from fleetmap.engine.stream import Limits, Stream
 
 __all__ = [
+    "RELAY_S",
     "Alive",
     "Answer",
     "Ask",
     "Chain",
-    "Detour",
     "Engine",
     "Event",
     "Gone",
@@ -44,5 +44,6 @@ __all__ = [
     "Query",
     "Reply",
     "ReplyEnd",
+    "Replying",
     "Stream",
 ]

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import Heartbeat, RevisionList, Want
+from fleetmap.codecs.messages import Heartbeat, Living, Message, Ranges, RevisionList, Want
 from fleetmap.engine.budget import Budget
 from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.log import Snapshots, answer
+from fleetmap.engine.neighbours import Neighbours
 from fleetmap.model.errors import ConfigError, WireError, reason_without_numbers
 
 ANSWER_BPS, ANSWER_BURST_BYTES = 4 << 20, 32 << 20
 """What a peer sends in answers, all together: nobody knows who asks."""
+SHORT_LIST = 16
+"""So many streams are listed as they are; of more those are looked for that differ."""
 
 
 class Answers:
@@ -20,11 +25,15 @@ class Answers:
     Parameters
     ----------
     holdings : the own stream and the replicas
+    neighbours : who is there
+    state : the own heartbeat of now
     ledger : counts questions and answers
     """
 
-    def __init__(self, holdings: Holdings, ledger: Ledger) -> None:
-        self._holdings, self._ledger = holdings, ledger
+    def __init__(
+        self, holdings: Holdings, neighbours: Neighbours, state: Callable[[], Heartbeat], ledger: Ledger
+    ) -> None:
+        self._holdings, self._neighbours, self._state, self._ledger = holdings, neighbours, state, ledger
         self._snapshots = Snapshots()
         self._budget = Budget(ANSWER_BPS, ANSWER_BURST_BYTES)
 
@@ -45,10 +54,22 @@ class Answers:
 
     def _list(self, payload: bytes) -> list[bytes]:
         asked = envelope.decode(payload, robot="?") if payload else None
-        held = self._holdings.held_hash()
-        if isinstance(asked, Heartbeat) and asked.held == held:
-            return [envelope.encode(Heartbeat(self._holdings.own.seq, held))]
-        return [envelope.encode(RevisionList(tuple((s.robot, s.revision) for s in self._holdings.streams())))]
+        index = self._holdings.index()
+        if isinstance(asked, Ranges):
+            return [envelope.encode(Ranges(tuple(index.answer(asked.ranges))))]
+        state = self._state()
+        replies: list[Message] = []
+        same = isinstance(asked, Heartbeat) and asked.held == state.held
+        if same or state.pose is not None or state.goal is not None:
+            replies.append(state)
+        if not same:
+            streams = self._holdings.streams()
+            short = len(streams) <= SHORT_LIST
+            listed = RevisionList(tuple((s.robot, s.revision) for s in streams))
+            replies.append(listed if short else Ranges(tuple(index.describe())))
+        if isinstance(asked, Heartbeat) and asked.alive != state.alive:
+            replies.append(Living(tuple(self._neighbours.living(self._holdings.own.key))))
+        return [envelope.encode(message) for message in replies]
 
     def _stream(self, payload: bytes) -> list[bytes]:
         want = envelope.decode(payload, robot="?")

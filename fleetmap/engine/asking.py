@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
+
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import Heartbeat, Revision, Want
+from fleetmap.codecs.messages import Heartbeat, Range, Ranges, Revision, Want
 from fleetmap.engine.catchup import FIRST_REPLY_TIMEOUT_S, GRACE_S, REPLY_TIMEOUT_S, About, Catchup
 from fleetmap.engine.holdings import Holdings
-from fleetmap.engine.neighbours import Neighbour, Neighbours
+from fleetmap.engine.neighbours import MAX_ROUNDS, Neighbour, Neighbours
 from fleetmap.engine.outputs import Ask, Output
+from fleetmap.engine.ranges import MOST_RANGES, place, spans
 from fleetmap.engine.replica import Replica
 from fleetmap.engine.stream import Key, Stream
 from fleetmap.engine.votes import most_held
 
 STAGGER_S, LONGEST_STAGGER_S = 0.3, 1.2
 """Between the questions for lists that several tokens at once lead to."""
+DOUBT_S = 1.0
+"""So long a heartbeat's hash may differ from what is held here: records are on their way to both."""
+ALIVE_DOUBT_S = 3.0
+"""So long one peer may see somebody come or go after another one did."""
+MAX_RECENT = 256
+"""Hashes over all that was held here, the last ones: who says one of them is only a little behind, or was."""
+ASKED_ABOUT_ONE = 2
 RELIST_S = 1.0
 """After so long a list is asked for anew that promised what its sender then didn't have."""
 
@@ -26,6 +38,7 @@ class Asking:
     ----------
     holdings : the own stream and the replicas
     neighbours : who is there, and what each claims
+    alive : the hash over who lives, as it is seen here
     outputs : where questions go
     ledger : counts them
 
@@ -34,11 +47,19 @@ class Asking:
     catchup : questions planned and under way
     """
 
-    def __init__(self, holdings: Holdings, neighbours: Neighbours, outputs: list[Output], ledger: Ledger) -> None:
-        self._holdings, self._neighbours = holdings, neighbours
+    def __init__(
+        self,
+        holdings: Holdings,
+        neighbours: Neighbours,
+        alive: Callable[[], int],
+        outputs: list[Output],
+        ledger: Ledger,
+    ) -> None:
+        self._holdings, self._neighbours, self._alive = holdings, neighbours, alive
         self._outputs, self._ledger = outputs, ledger
         self.catchup = Catchup()
-        self._same: tuple[int, dict[Key, Revision]] = (-1, {})
+        self._recent: OrderedDict[int, int] = OrderedDict()
+        self._alive_since: deque[tuple[float, int]] = deque(maxlen=MAX_RECENT)
 
     # What the others say
 
@@ -47,46 +68,92 @@ class Asking:
         # One after the other: when the first has been listened to, most of the others hold the same.
         self.catchup.want_list(key, now_s + min(STAGGER_S * self.catchup.lists_waiting, LONGEST_STAGGER_S))
 
-    def heartbeat(self, neighbour: Neighbour, message: Heartbeat, now_s: float, *, asked: bool = False) -> None:
-        """How far an author is, and the hash over all that it holds; ``asked``: as the answer to a question."""
-        key, held = neighbour.key, self._holdings.held_hash()
-        if message.held == held:
-            # It holds what is held here, whatever its last list said.
-            neighbour.claims, neighbour.listed = self._same_as_here(held), True
-        known = neighbour.claims.get(key)
-        if known is None or known.seq != message.seq:
-            # Its digest isn't said, and not asked for as long as the seq is right.
-            neighbour.claims = {**neighbour.claims, key: Revision(key[1], message.seq, 0)}
-            self.catchup.renewed(About(key, key), now_s)
-        if self.behind(key):
-            self.catchup.want(key, now_s + GRACE_S)
-        if asked and message.held != held:
-            # It answered that it holds the same; meanwhile something was said.
-            self.catchup.want_list(key, now_s + GRACE_S)
-        elif not asked and neighbour.differs(message.held, held, now_s):
-            neighbour.listed = False
-            self.catchup.want_list(key, now_s)
+    def heartbeat(self, neighbour: Neighbour, message: Heartbeat, now_s: float) -> None:
+        """How far an author is, and the hash over all that it holds."""
+        neighbour.held, neighbour.alive, neighbour.heard_s = message.held, message.alive, now_s
+        self.claim(neighbour, neighbour.key, message.seq, now_s + GRACE_S)
+        agrees = self._agrees(neighbour)
+        if not neighbour.listed:
+            return  # it is about to be asked, or has been
+        if not agrees:
+            self.catchup.want_list(neighbour.key, neighbour.next_look_s(now_s + DOUBT_S))
+        elif not self._sees_the_same(neighbour, now_s):
+            self.catchup.want_list(neighbour.key, now_s + DOUBT_S)
 
-    def listed(self, neighbour: Neighbour, claims: dict[Key, Revision], now_s: float) -> None:
-        """All that a neighbour says that it holds."""
-        before = neighbour.claims
-        self._neighbours.say(neighbour, claims)
-        self.catchup.listed(neighbour.key, neighbour.claims)
-        for key, revision in claims.items():
+    def look_for(self, key: Key, now_s: float) -> None:
+        """Somebody is not seen any more: ask some others whether they see it, each peer another two."""
+        me = place(self._holdings.own.key)
+        others = [n for n in self._neighbours.by_key.values() if n.steady and n.key != key]
+        for neighbour in sorted(others, key=lambda n: place(n.key) ^ me)[:ASKED_ABOUT_ONE]:
+            neighbour.listed = False
+            self.catchup.want_list(neighbour.key, now_s + GRACE_S)
+
+    def listed(self, neighbour: Neighbour, ranges: Sequence[Range], now_s: float) -> None:
+        """What a neighbour holds, as the answer to a question."""
+        index = self._holdings.index()
+        asked, neighbour.further = neighbour.further[:MOST_RANGES], neighbour.further[MOST_RANGES:]
+        told = [r for r in ranges if r.rows is not None]
+        before = neighbour.rows
+        if asked or told:
+            # What was asked about and isn't answered is the same.
+            inside = spans([*asked, *told])
+            neighbour.rows = {key: revision for key, revision in before.items() if not inside(place(key))}
+        found = {key: revision for of in told for key, revision in index.differences(of).items()}
+        neighbour.rows = neighbour.rows | found
+        self._neighbours.bound_rows()
+        neighbour.further = sorted([*neighbour.further, *index.ask_further(ranges)], key=lambda r: r.first)
+        neighbour.rounds += 1
+        if neighbour.further and neighbour.rounds < MAX_ROUNDS:
+            self.catchup.want_list(neighbour.key, now_s)
+        else:
+            neighbour.agreed = self._holdings.changes
+            neighbour.compared()
+        self.catchup.listed(neighbour.key, neighbour.rows)
+        for key, revision in found.items():
             if before.get(key) != revision:
                 self.catchup.renewed(About(neighbour.key, key), now_s)
-            if self.behind(key):
+            if revision.seq and self.behind(key):
                 # Of an absent author the others may say something else: their lists come first.
                 known = key in self._neighbours or key in self._holdings.replicas or key == self._holdings.own.key
                 self.catchup.want(key, now_s if known else now_s + GRACE_S)
+
+    def claim(self, neighbour: Neighbour, key: Key, seq: int, due_s: float) -> None:
+        """A neighbour shows that it holds so much of a stream; its digest isn't said, and not asked for."""
+        known = neighbour.rows.get(key)
+        if seq > self._holdings.revision(key).seq and (known is None or known.seq < seq):
+            neighbour.rows[key] = Revision(key[1], seq, 0)
+            self.catchup.renewed(About(neighbour.key, key), due_s)
+        if self.behind(key):
+            self.catchup.want(key, due_s)
+
+    def _agrees(self, neighbour: Neighbour) -> bool:
+        """Whether a neighbour's last heartbeat says what is held here, or was a little while ago."""
+        held = self._holdings.held_hash()
+        self._recent[held] = self._holdings.changes
+        self._recent.move_to_end(held)
+        if len(self._recent) > MAX_RECENT:
+            self._recent.popitem(last=False)
+        at = self._recent.get(neighbour.held)
+        if at is not None:
+            neighbour.agree(at)
+        return at is not None
+
+    def _sees_the_same(self, neighbour: Neighbour, now_s: float) -> bool:
+        """Whether a neighbour's last heartbeat names whom this peer sees, or saw when it came; or was looked into."""
+        alive, since = self._alive(), self._alive_since
+        if not since or since[-1][1] != alive:
+            since.append((now_s, alive))
+        if neighbour.asked_alive == (neighbour.alive, alive):
+            return True
+        ends = [*(at for at, _ in list(since)[1:]), math.inf]
+        from_s = neighbour.heard_s - ALIVE_DOUBT_S
+        return any(seen == neighbour.alive and end > from_s for (_, seen), end in zip(since, ends, strict=True))
 
     def announced(self, key: Key, seq: int, due_s: float) -> None:
         """An author's word that can't be used yet shows that there is more."""
         neighbour = self._neighbours.by_key.get(key)
         if neighbour is not None:
-            known = neighbour.claims.get(key)
-            if known is None or known.seq < seq:
-                neighbour.claims = {**neighbour.claims, key: Revision(key[1], seq, 0)}
+            self.claim(neighbour, key, seq, due_s)
             self.catchup.want(key, due_s)
 
     def dropped(self, stream: Stream) -> None:
@@ -100,7 +167,7 @@ class Asking:
     def lacking(self) -> list[str]:
         """What living peers hold and this one doesn't, in words; what was asked for in vain doesn't count."""
         unlisted = [n.key for n in self._neighbours.by_key.values() if not n.listed and not n.mute]
-        claimed = {key for n in self._neighbours.by_key.values() for key in n.claims}
+        claimed = {key for n in self._neighbours.by_key.values() for key in n.rows}
         return [
             *(f"the list of {robot}" for robot, _ in sorted(unlisted)),
             *(
@@ -114,9 +181,19 @@ class Asking:
         """Whether somebody can be asked for more of a stream; ``waiting``: and was not asked for it in vain."""
         return bool(self._holders(key, waiting=waiting))
 
+    def claims(self, key: Key) -> dict[Key, Revision]:
+        """Who says that it holds how much of a stream."""
+        replica = self._holdings.replicas.get(key)
+        claims: dict[Key, Revision] = {}
+        for n in self._neighbours.by_key.values():
+            revision = n.rows.get(key) or (replica.as_of(n.agreed) if replica is not None else None)
+            if revision is not None and revision.seq:
+                claims[n.key] = revision
+        return claims
+
     def _holders(self, key: Key, *, waiting: bool = False) -> list[Key]:
         """Whom to ask about a stream, in the order of preference: its author, then who holds what most names hold."""
-        claims = self._neighbours.holders(key)
+        claims = self.claims(key)
         if waiting:
             claims = {peer: r for peer, r in claims.items() if not self.catchup.in_vain(About(peer, key))}
         own = self._holdings.own
@@ -139,7 +216,7 @@ class Asking:
 
     def believed(self, replica: Replica) -> Revision | None:
         """What most say of a stream, if its author is absent."""
-        return self._most_held(self._neighbours.holders(replica.key), replica)
+        return self._most_held(self.claims(replica.key), replica)
 
     def _most_held(self, claims: dict[Key, Revision], replica: Replica) -> Revision | None:
         # What is held here only because somebody was the first to offer it is no vote, until it was outvoted once:
@@ -157,9 +234,11 @@ class Asking:
         for about in self.catchup.due(now_s, self._holders, self._neighbours.steady):
             robot, life = about.peer
             if about.stream is None:
-                # Who holds the same says so, and no list.
-                kind, message = "revisions", Heartbeat(self._holdings.own.seq, self._holdings.held_hash())
-                payload = envelope.encode(message)
+                neighbour = self._neighbours.by_key[about.peer]
+                if neighbour.listed and self._agrees(neighbour) and self._sees_the_same(neighbour, now_s):
+                    continue  # it was only behind for a moment
+                neighbour.listed, neighbour.asked_alive = False, (neighbour.alive, self._alive())
+                kind, payload = "revisions", self._question(neighbour)
             else:
                 kind = "snapshot" if about.peer == about.stream else "mirror"
                 payload = envelope.encode(self._want(about.stream, about.peer))
@@ -188,8 +267,8 @@ class Asking:
             return Want(own.robot, own.revision)
         return replica.want(peer) if replica is not None else Want(stream[0], Revision(stream[1], 0, 0))
 
-    def _same_as_here(self, held: int) -> dict[Key, Revision]:
-        """What a list of this peer would say; one for all neighbours that hold the same."""
-        if self._same[0] != held:
-            self._same = (held, {s.key: s.revision for s in self._holdings.streams()})
-        return self._same[1]
+    def _question(self, neighbour: Neighbour) -> bytes:
+        """What to ask somebody who may hold something else: first whether it does."""
+        if neighbour.further:
+            return envelope.encode(Ranges(tuple(neighbour.further[:MOST_RANGES])))
+        return envelope.encode(Heartbeat(self._holdings.own.seq, self._holdings.held_hash(), self._alive()))

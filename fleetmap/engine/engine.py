@@ -16,19 +16,22 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import FactsStep, forget, name_lives, set_anchor, set_level, set_start, supersede
 from fleetmap.codecs.messages import (
     MAX_EPSILON_CELLS,
+    MAX_LIFE,
     MAX_MM,
     PROFILES,
-    GoalMessage,
     Heartbeat,
-    PoseMessage,
+    Living,
+    Range,
+    Ranges,
     Record,
+    Relay,
     RevisionList,
     SnapshotChunk,
 )
@@ -42,12 +45,14 @@ from fleetmap.engine.chain import Chain
 from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
 from fleetmap.engine.guard import REFUSED_COUNTS, Guard
 from fleetmap.engine.holdings import Holdings
-from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd
-from fleetmap.engine.neighbours import Neighbour, Neighbours
-from fleetmap.engine.outputs import Answer, Detour, LookAgain, Output, PeersChanged
+from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
+from fleetmap.engine.neighbours import ALIVE_MASK, Neighbour, Neighbours
+from fleetmap.engine.outputs import Answer, Ask, LookAgain, Output, PeersChanged
 from fleetmap.engine.quota import Quota
+from fleetmap.engine.ranges import place
 from fleetmap.engine.reach import check_reach
-from fleetmap.engine.replica import Outcome, Replica
+from fleetmap.engine.relays import Listening, Relaying
+from fleetmap.engine.replica import Outcome
 from fleetmap.engine.stream import Key, Limits, Step, Stream
 from fleetmap.engine.teammates import Teammates
 from fleetmap.engine.voice import Voice
@@ -71,7 +76,7 @@ class Engine:
     chain : the links of the own life
     level : robots of different levels are never merged
     start : T_fleet_robot, None if unknown
-    heartbeat_s : how often the own revision is announced
+    heartbeat_s : how often the own revision is announced while nothing changes
     quota : when updates of the own map may be sent; None: at once
     allow : names that are listened to; None: all
     limits : what one robot's map may hold
@@ -84,7 +89,7 @@ class Engine:
         chain: Chain,
         level: str = "0",
         start: FixedPose | None = None,
-        heartbeat_s: float = 2.0,
+        heartbeat_s: float = 10.0,
         quota: Quota | None = None,
         ledger: Ledger | None = None,
         allow: Collection[str] | None = None,
@@ -99,8 +104,9 @@ class Engine:
         self.teammates = Teammates()
         self._outputs: list[Output] = []
         self._guard = Guard(robot, allow, self.neighbours.present)
-        self._asking = Asking(self.holdings, self.neighbours, self._outputs, self.ledger)
-        self._answers = Answers(self.holdings, self.ledger)
+        self.listening, self._relaying = Listening(), Relaying(self._outputs)
+        self._asking = Asking(self.holdings, self.neighbours, self._alive, self._outputs, self.ledger)
+        self._answers = Answers(self.holdings, self.neighbours, self._state, self.ledger)
         self._voice = Voice(self.author, self._outputs, self.ledger, heartbeat_s=heartbeat_s, quota=quota or Quota())
         self._refused: ConfigError | None = None
         self._left_out: set[Key] = set()
@@ -202,15 +208,14 @@ class Engine:
         return self.left_out() != before
 
     def set_pose(self, x_m: float, y_m: float, yaw_rad: float) -> None:
-        """Announce where the robot is, in its map frame.
+        """Announce where the robot is, in its map frame, with the next tick; seldom enough for a radio.
 
         Raises
         ------
         ConfigError : a number is not finite, or too large
         """
         x_mm, y_mm = _millimetres("pose", (x_m, y_m))
-        yaw_mrad = round(wrap(yaw_rad) * 1e3)
-        self._voice.announce("pose", envelope.encode(PoseMessage(x_mm, y_mm, yaw_mrad)))
+        self._voice.move((x_mm, y_mm, round(wrap(yaw_rad) * 1e3)))
 
     def set_goal(self, goal_xy: tuple[float, float] | None) -> None:
         """Announce where the robot is going, in its map frame; None: nowhere.
@@ -220,7 +225,7 @@ class Engine:
         ConfigError : a number is not finite, or too large
         """
         goal_mm = None if goal_xy is None else _millimetres("goal", goal_xy)
-        self._voice.announce("goal", envelope.encode(GoalMessage(goal_mm)))
+        self._voice.head_for(goal_mm)
 
     # What the link says
 
@@ -234,13 +239,19 @@ class Engine:
                 self._on_alive((robot, life), now_s)
                 return  # the next tick asks: thousands of tokens may come at once
             case Gone(robot, life):
-                self._on_gone((robot, life))
+                self._on_gone((robot, life), now_s)
+            case Query("relay", payload, reply):
+                self._count("?", "relay?", payload, lambda: self._on_relay(payload, reply, now_s))
             case Query(kind, payload, reply):
                 self._outputs.append(Answer(reply, self._answers.answer(kind, payload, now_s)))
+            case Reply(ask_id, payload) if ask_id < 0:
+                self._count("?", "relayed", payload, lambda: self._on_relayed(ask_id, payload, now_s))
             case Reply(ask_id, payload):
                 about = self._asking.catchup.about(ask_id)
                 name = about.peer[0] if about else "?"
                 self._count(name, "reply", payload, lambda: self._on_reply(ask_id, about, payload, now_s))
+            case ReplyEnd(ask_id) if ask_id < 0:
+                self._on_relay_end(ask_id, now_s)
             case ReplyEnd(ask_id):
                 self._asking.in_vain(self._asking.catchup.ended(ask_id, now_s), now_s)
         self._asking.ask_due(now_s)
@@ -248,7 +259,7 @@ class Engine:
     def tick(self, now_s: float) -> None:
         """Send the heartbeat and the questions that are due. Call it some ten times a second."""
         self.holdings.now_s = now_s
-        self._voice.beat(self.holdings.held_hash, now_s)
+        self._voice.beat(self.holdings.held_hash, self._alive, now_s)
         if self._voice.may_send(now_s):
             try:
                 self.send_waiting(now_s)
@@ -262,6 +273,10 @@ class Engine:
             self._tell_left_out(before)
         if self._voice.answers_doubt(now_s):
             self._commit(even_if_nothing=True)
+        for ask_id, via, key in self.listening.due(now_s):
+            payload = envelope.encode(Relay(*key))
+            self.ledger.sent("want", len(payload))
+            self._outputs.append(Ask(ask_id, *via, "relay", payload))
         self._asking.ask_due(now_s)
 
     def take_outputs(self) -> list[Output]:
@@ -277,6 +292,10 @@ class Engine:
         for key, neighbour in self.neighbours.by_key.items():
             neighbour.listed = False
             self._asking.catchup.want_list(key, now_s)
+
+    def living(self) -> set[str]:
+        """Names that are there, or heard by way of others. Any thread may call it."""
+        return self.neighbours.robots() | self.listening.robots()
 
     def lacking(self) -> list[str]:
         """What is missing of what living peers hold, or disputed, in words; empty when this robot is in step."""
@@ -304,7 +323,7 @@ class Engine:
             if replica.forked:
                 told[stream.robot] = f"{life} is disputed: its author has said two things; its next word decides"
             elif stream.key not in self.neighbours:
-                claims = self.neighbours.holders(stream.key)
+                claims = self._asking.claims(stream.key)
                 if sides := contradictions(claims, stream.revision, self.robot):
                     who = "; ".join(f"{', '.join(names)}: digest {digest:016x}" for digest, names in sides.items())
                     told[stream.robot] = f"{life} is disputed: its author is absent, and {who}"
@@ -332,11 +351,10 @@ class Engine:
                 self._on_words(key, message, payload, now_s, speaker=key, payer=payer)
             case "digest", Heartbeat():
                 if neighbour is not None:
-                    self._asking.heartbeat(neighbour, message, now_s)
-            case ("pose", PoseMessage() as said) | ("goal", GoalMessage() as said):
-                self.teammates.hear(key, said, now_s)
+                    self._on_heartbeat(neighbour, message, payload, now_s)
             case _:
                 raise WireError(robot=robot, size_bytes=len(payload), reason="wrong key")
+        self._relaying.hand_on(key, payload, now_s)
         if neighbour is not None:
             neighbour.steady = neighbour.steady or kind == "digest"
             self._spoke(neighbour)
@@ -350,12 +368,17 @@ class Engine:
         if about.stream is not None:
             self._guard.check(payer, name, payload, now_s)
         match envelope.decode(payload, robot=name):
-            case RevisionList() as message if about.stream is None and neighbour is not None:
+            case RevisionList(rows) if about.stream is None and neighbour is not None:
                 catchup.helped(ask_id, now_s)
-                self._on_list(neighbour, message, now_s)
+                self._on_ranges(neighbour, [Range(0, MAX_LIFE, rows=rows)], now_s)
+            case Ranges(ranges) if about.stream is None and neighbour is not None:
+                catchup.helped(ask_id, now_s)
+                self._on_ranges(neighbour, ranges, now_s)
             case Heartbeat() as message if about.stream is None and neighbour is not None:
                 catchup.helped(ask_id, now_s)
-                self._asking.heartbeat(neighbour, message, now_s, asked=True)
+                self._on_heartbeat(neighbour, message, payload, now_s)
+            case Living(tokens) if about.stream is None and neighbour is not None:
+                self._on_living(neighbour, tokens, now_s)
             case (Record() | SnapshotChunk()) as message if about.stream == self.own.key:
                 self._on_own_proof(message)
             case (Record() | SnapshotChunk()) as message if about.stream is not None:
@@ -394,8 +417,8 @@ class Engine:
             self._moved(step)
         match outcome:
             case Outcome.APPLIED:
-                if not by_author and robot not in self.neighbours.robots():
-                    self._note_detour(replica)
+                if not by_author and speaker not in {way.via for way in self.listening.ways.values()}:
+                    self._voice.stir()
                 if not self._asking.behind(key):
                     self._asking.catchup.settled(key)
             case Outcome.EARLY:
@@ -408,13 +431,22 @@ class Engine:
             case Outcome.DUPLICATE:
                 raise WireError(robot=robot, size_bytes=len(raw), reason="duplicate")
 
-    def _on_list(self, neighbour: Neighbour, message: RevisionList, now_s: float) -> None:
-        rows = ((robot, revision) for robot, revision in message.revisions if revision.seq > 0)
-        claims = {(robot, revision.life): revision for robot, revision in rows if self._guard.allows(robot)}
-        own = claims.get(self.own.key)
-        if own is not None and own.seq == self.own.seq and own.digest != self.own.digest:
-            self._voice.doubted = True
-        self._asking.listed(neighbour, claims, now_s)
+    def _on_heartbeat(self, neighbour: Neighbour, message: Heartbeat, payload: bytes, now_s: float) -> None:
+        neighbour.said = payload
+        self.teammates.hear(neighbour.key, message, now_s)
+        self._asking.heartbeat(neighbour, message, now_s)
+
+    def _on_ranges(self, neighbour: Neighbour, ranges: Sequence[Range], now_s: float) -> None:
+        """What a neighbour holds, as far as it was asked."""
+        allowed = []
+        for of in ranges:
+            rows = None if of.rows is None else tuple(row for row in of.rows if self._guard.allows(row[0]))
+            allowed.append(Range(of.first, of.last, of.held, rows))
+            for robot, revision in rows or ():
+                own = self.own.revision
+                if (robot, revision.life, revision.seq) == (self.robot, own.life, own.seq) and revision != own:
+                    self._voice.doubted = True
+        self._asking.listed(neighbour, allowed, now_s)
 
     def _on_own_word(self, message: object, payload: bytes) -> None:
         """Somebody speaks in this life's name: a stranger, or a copy of this process' memory or disk."""
@@ -432,21 +464,10 @@ class Engine:
         if not self._asking.behind(self.own.key):
             self._asking.catchup.settled(self.own.key)
 
-    def _note_detour(self, replica: Replica) -> None:
-        """The stream of a robot that seems absent came through a mirror: see whether anybody hears that robot now.
-
-        If the others hold more than they did when its stream last came. What they held then was perhaps its last word,
-        and may come in many parts.
-        """
-        claims = self.neighbours.holders(replica.key).values()
-        last = max((revision.seq for revision in claims), default=replica.stream.seq)
-        if replica.last_claimed and last > replica.last_claimed:
-            self._outputs.append(Detour(replica.stream.robot))
-        replica.last_claimed = last
-
     def _moved(self, step: Step) -> None:
         """A replica has taken a step."""
         robot = step.after.robot
+        self.holdings.moved(step.after.key)
         # A step with facts may leave other streams out, or bring them back.
         facts_changed = step.before.facts != step.after.facts
         self._outputs.extend(changed_events(step))
@@ -474,12 +495,15 @@ class Engine:
         self._asking.appeared(key, now_s)
         self._settle(key[0])
 
-    def _on_gone(self, key: Key) -> None:
+    def _on_gone(self, key: Key, now_s: float) -> None:
         """Its map stays, and it is absent."""
         neighbour = self.neighbours.remove(key)
         if neighbour is None:
             return
         self._left(neighbour)
+        if neighbour.spoke:
+            # Perhaps only the link to it is gone.
+            self._asking.look_for(key, now_s)
         if self.neighbours.refused:
             self.neighbours.refused = False
             self._outputs.append(LookAgain())
@@ -487,7 +511,10 @@ class Engine:
     def _left(self, neighbour: Neighbour) -> None:
         robot, _ = neighbour.key
         self._asking.catchup.peer_gone(neighbour.key)
-        if neighbour.spoke and robot not in self.neighbours.robots():
+        self._relaying.gone(neighbour.key)
+        for key in self.listening.lost(neighbour.key):
+            self._unheard(key)
+        if neighbour.spoke and robot not in self.living():
             self.teammates.gone(robot)
             self._outputs.append(PeersChanged(robot, False))
         self._settle(robot)
@@ -498,9 +525,73 @@ class Engine:
             robot = neighbour.key[0]
             new = robot not in self.neighbours.robots()
             neighbour.spoke = True
-            self._voice.greet()
+            self.listening.linked(neighbour.key)
             if new:
                 self._outputs.append(PeersChanged(robot, True))
+
+    def _alive(self) -> int:
+        """One hash over who is there, and who is heard by way of others."""
+        heard = sum(place(key) for key, way in self.listening.ways.items() if way.spoke)
+        return (self.neighbours.alive(self.own.key) + heard) & ALIVE_MASK
+
+    def _state(self) -> Heartbeat:
+        return self._voice.state(self.holdings.held_hash(), self._alive())
+
+    # How it works: who is heard by way of others
+
+    def _on_living(self, neighbour: Neighbour, tokens: Iterable[Key], now_s: float) -> None:
+        """A neighbour says whom it sees."""
+        unseen = {key for key in tokens if not self.neighbours.present(key) and self._guard.allows(key[0])}
+        self.listening.told(neighbour.key, unseen - {self.own.key}, now_s)
+
+    def _on_relay(self, payload: bytes, reply: Replying, now_s: float) -> None:
+        """Somebody has no link to one that is there."""
+        asked, neighbour = None, None
+        try:
+            asked = envelope.decode(payload, robot="?")
+            if not isinstance(asked, Relay):
+                raise WireError(robot="?", size_bytes=len(payload), reason="not a question")
+            neighbour = self.neighbours.by_key.get((asked.robot, asked.life))
+        finally:
+            if neighbour is None or not neighbour.spoke or not self._relaying.begin(neighbour.key, reply, now_s):
+                self._outputs.append(Answer(reply, ()))
+            elif neighbour.said:
+                self._outputs.append(Answer(reply, (neighbour.said,), last=False))
+
+    def _on_relayed(self, ask_id: int, payload: bytes, now_s: float) -> None:
+        """What a neighbour hands on."""
+        found = self.listening.way_of(ask_id)
+        if found is None:
+            return  # it is seen itself by now
+        key, way = found
+        payer = self._guard.payer_of_reply(way.via, self.holdings.replicas.get(way.via))
+        self._guard.check(payer, way.via[0], payload, now_s)
+        message, via = envelope.decode(payload, robot=way.via[0]), self.neighbours.by_key.get(way.via)
+        match message:
+            case Heartbeat():
+                self.teammates.hear(key, message, now_s)
+            case Record():
+                self._on_words(key, message, payload, now_s, speaker=way.via, payer=payer)
+            case _:
+                raise WireError(robot=way.via[0], size_bytes=len(payload), reason="not what was asked")
+        if via is not None:
+            self._asking.claim(via, key, message.seq, now_s + GRACE_S)
+        if not way.spoke:
+            new = key[0] not in self.living()
+            way.spoke = True
+            if new:
+                self._outputs.append(PeersChanged(key[0], True, way.via[0]))
+
+    def _on_relay_end(self, ask_id: int, now_s: float) -> None:
+        key = self.listening.ended(ask_id, now_s)
+        if key is not None:
+            self._unheard(key)
+            self._asking.look_for(key, now_s)
+
+    def _unheard(self, key: Key) -> None:
+        if key[0] not in self.living():
+            self.teammates.gone(key[0])
+            self._outputs.append(PeersChanged(key[0], False))
 
     # How it works: what is said
 
@@ -565,6 +656,7 @@ class Engine:
 
     def _dropped(self, streams: Iterable[Stream]) -> None:
         for stream in streams:
+            self._voice.stir()
             self._asking.dropped(stream)
             self._outputs.append(gone_event(stream))
 

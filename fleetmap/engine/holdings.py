@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 from fleetmap.codecs.facts import State
 from fleetmap.codecs.messages import Revision
 from fleetmap.engine.author import Author
 from fleetmap.engine.lives import all_named, kept_lives
+from fleetmap.engine.ranges import Index, revision_hash
 from fleetmap.engine.replica import Replica
 from fleetmap.engine.stream import Key, Stream
-from fleetmap.model.hashing import hash_ints, hash_text
 
-SALT_HELD = 18
 MAX_STREAMS = 1024
 MAX_EDGES_HELD = 4 << 20
 """Of all replicas together; 100 MB."""
@@ -43,6 +41,7 @@ class Holdings:
     ----------
     hidden : streams that the user has this peer forget, as they were then
     undecided : robots of whose lives one may have to go, once all of it has come, or it has had time to speak
+    changes : how many there were of any replica; a neighbour that agrees does so as of one of them
     now_s : set by whoever has a clock
     """
 
@@ -51,6 +50,7 @@ class Holdings:
     replicas: dict[Key, Replica] = field(default_factory=dict)
     hidden: dict[Key, State] = field(default_factory=dict)
     undecided: set[str] = field(default_factory=set)
+    changes: int = 0
     now_s: float = 0.0
     _doubted: dict[Key, tuple[State, float]] = field(default_factory=dict)
     """Forgotten streams of authors who are there: in which state, since when."""
@@ -67,6 +67,8 @@ class Holdings:
     _summed: dict[Key, int] = field(default_factory=dict)
     _sum: int = 0
     """Of the replicas' hashes; ``_summed`` are those by key."""
+    _indexed: tuple[int, Index] | None = None
+    """The last index, and the hash over what is in it."""
 
     @property
     def own(self) -> Stream:
@@ -86,12 +88,26 @@ class Holdings:
         for key in self._touched:
             replica = self.replicas.get(key)
             counts = replica is not None and replica.kept and replica.stream.seq > 0
-            now = _revision_hash(key[0], replica.stream.revision) if replica is not None and counts else 0
+            now = revision_hash(key[0], replica.stream.revision) if replica is not None and counts else 0
             self._sum += now - self._summed.pop(key, 0)
             if now:
                 self._summed[key] = now
         self._touched.clear()
-        return (self._sum + _revision_hash(self.own.robot, self.own.revision)) & _MASK
+        return (self._sum + revision_hash(self.own.robot, self.own.revision)) & _MASK
+
+    def index(self) -> Index:
+        """All streams that are kept, by place."""
+        held = self.held_hash()
+        if self._indexed is None or self._indexed[0] != held:
+            self._indexed = held, Index((s.robot, s.revision) for s in self.streams())
+        return self._indexed[1]
+
+    def moved(self, key: Key) -> None:
+        """A replica has come to another revision."""
+        self.changes += 1
+        replica = self.replicas.get(key)
+        if replica is not None:
+            replica.been.append((self.changes, replica.stream.revision))
 
     def to_change(self, key: Key) -> Replica:
         """The replica of a stream, for who is about to change it; a new one, not held yet, if there is none."""
@@ -221,8 +237,3 @@ class Holdings:
         """The former lives of the own name that the own stream should name: ``lives`` says which go on beside it."""
         former = [r.stream for (robot, life), r in self.replicas.items() if robot == self.own.robot and not lives(life)]
         return {life for life in all_named(self.own, [s for s in former if s.seq > 0]) if not lives(life)}
-
-
-@lru_cache(8192)
-def _revision_hash(robot: str, revision: Revision) -> int:
-    return hash_ints((revision.life, revision.seq, revision.digest), hash_text(robot, SALT_HELD))

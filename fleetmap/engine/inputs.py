@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +33,20 @@ class Gone:
     life: int
 
 
+class Replying(Protocol):
+    """Answers a question: once for good, also with nothing, and before that as often as one likes."""
+
+    def __call__(self, payloads: Sequence[bytes], *, last: bool = True) -> None:
+        """Send these."""
+
+
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A question under the own key ``kind``; ``reply`` is to be called once, also with nothing."""
+    """A question under the own key ``kind``."""
 
     kind: str
     payload: bytes
-    reply: Callable[[Sequence[bytes]], None]
+    reply: Replying
 
 
 @dataclass(frozen=True, slots=True)

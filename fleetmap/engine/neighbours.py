@@ -1,11 +1,12 @@
-"""Who is there: the lives whose tokens are seen, whether they have ever spoken, and what each says that it holds."""
+"""Who is there: the lives whose tokens are seen, whether they have ever spoken, and what each holds otherwise."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
-from fleetmap.codecs.messages import Revision
+from fleetmap.codecs.messages import Range, Revision
+from fleetmap.engine.ranges import place
 from fleetmap.engine.stream import Key
 
 MAX_NEIGHBOURS = 512
@@ -14,11 +15,14 @@ MAX_LIVES = 16
 MAX_WAITING = 8192
 """Tokens without room that are remembered."""
 MAX_CLAIMS = 1 << 16
-"""Rows of lists that are remembered, of all neighbours."""
+"""Rows that are remembered, of all neighbours: what each holds otherwise than this peer."""
+ALIVE_MASK = (1 << 32) - 1
 MUTE_AFTER = 2
 """Questions that somebody left unanswered until nobody waits for it."""
-MANY_DIFFERENCES = 4
-LONGEST_CALM_S = 60.0
+FIRST_CALM_S, LONGEST_CALM_S = 1.0, 60.0
+"""Between two comparisons that hashes lead to: where they don't help, they come ever more seldom."""
+MAX_ROUNDS = 16
+"""Questions of one comparison; five find what differs among all that anybody may hold."""
 
 
 @dataclass(slots=True)
@@ -31,7 +35,12 @@ class Neighbour:
     steady : it has said how far it is, or answered, as a peer does; who only says records gives way to who comes
     listed : it has said what it holds since it was last asked
     unanswered : questions in a row that it left unanswered
-    claims : what it says that it holds, by (robot, life)
+    agreed : after how many changes here (``Holdings.changes``) it held the same, but for ``rows``; -1: never
+    rows : what it says that it holds otherwise, by (robot, life); with seq 0 what it lacks
+    said : its last heartbeat; ``held`` and ``alive``: the hashes in it; ``heard_s``: when it came
+    asked_alive : the hashes over who lives, its and the own one, when it was asked last whom it sees
+    further : what to ask it next, of a comparison that is under way
+    rounds : questions of that comparison so far
     """
 
     key: Key
@@ -39,9 +48,15 @@ class Neighbour:
     steady: bool = False
     listed: bool = False
     unanswered: int = 0
-    claims: dict[Key, Revision] = field(default_factory=dict)
-    _differed: tuple[int, int] | None = None
-    _differences: int = 0
+    agreed: int = -1
+    rows: dict[Key, Revision] = field(default_factory=dict)
+    held: int = 0
+    alive: int = 0
+    heard_s: float = 0.0
+    asked_alive: tuple[int, int] = (0, 0)
+    said: bytes = b""
+    further: list[Range] = field(default_factory=list)
+    rounds: int = 0
     _calm_s: float = 0.0
     _calm_until_s: float = 0.0
 
@@ -50,22 +65,25 @@ class Neighbour:
         """Nobody waits for it any more."""
         return self.unanswered >= MUTE_AFTER
 
-    def differs(self, held: int, own: int, now_s: float) -> bool:
-        """Note its hash over all that it holds; True if its list should be asked for.
+    def agree(self, changes: int) -> None:
+        """It holds what was held here after so many changes."""
+        if changes >= self.agreed:
+            self.agreed = changes
+            self.rows.clear()
+        self.listed = True
+        self.further, self.rounds, self._calm_s, self._calm_until_s = [], 0, 0.0, 0.0
 
-        That is when two heartbeats in a row differed from one and the same own hash, or, where somebody speaks all the
-        time, a few differed; ever more seldom, if lists don't help.
-        """
-        if held == own:
-            self._differed, self._differences, self._calm_s, self._calm_until_s = None, 0, 0.0, 0.0
-            return False
-        twice, self._differed = self._differed == (held, own), (held, own)
-        self._differences += 1
-        if not (twice or self._differences >= MANY_DIFFERENCES) or now_s < self._calm_until_s:
-            return False
-        self._calm_s = min(LONGEST_CALM_S, 2 * self._calm_s or 1.0)
+    def compared(self) -> None:
+        """All has been asked for that it may hold otherwise."""
+        self.listed, self.further, self.rounds = True, [], 0
+
+    def next_look_s(self, now_s: float) -> float:
+        """When to ask what it holds, as its hash differs; ever later, if that doesn't help."""
+        if now_s < self._calm_until_s:
+            return self._calm_until_s
+        self._calm_s = min(LONGEST_CALM_S, 2 * self._calm_s or FIRST_CALM_S)
         self._calm_until_s = now_s + self._calm_s
-        return True
+        return now_s
 
 
 @dataclass(slots=True)
@@ -133,13 +151,16 @@ class Neighbours:
         if len(self._waiting) > MAX_WAITING:
             self._waiting.popitem(last=False)
 
-    def say(self, neighbour: Neighbour, claims: dict[Key, Revision]) -> None:
-        """What a neighbour says that it holds, instead of what it said before."""
-        neighbour.claims, neighbour.listed = claims, True
-        if sum(len(n.claims) for n in self.by_key.values()) > MAX_CLAIMS:
-            most = max(self.by_key.values(), key=lambda n: len(n.claims))
-            most.claims = dict(list(most.claims.items())[: MAX_CLAIMS // MAX_NEIGHBOURS])
+    def bound_rows(self) -> None:
+        """Forget rows where all say too much otherwise."""
+        if sum(len(n.rows) for n in self.by_key.values()) > MAX_CLAIMS:
+            most = max(self.by_key.values(), key=lambda n: len(n.rows))
+            most.rows = dict(list(most.rows.items())[: MAX_CLAIMS // MAX_NEIGHBOURS])
 
-    def holders(self, key: Key) -> dict[Key, Revision]:
-        """Who says that it holds how much of a stream."""
-        return {n.key: n.claims[key] for n in self.by_key.values() if key in n.claims}
+    def living(self, own: Key) -> list[Key]:
+        """Who is there, ascending, the own life too."""
+        return sorted([own, *(n.key for n in self.by_key.values() if n.spoke)])
+
+    def alive(self, own: Key) -> int:
+        """One hash of 32 bits over who is there, the own life too."""
+        return (place(own) + sum(place(n.key) for n in self.by_key.values() if n.spoke)) & ALIVE_MASK

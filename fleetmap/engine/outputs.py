@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from fleetmap.codecs.messages import Revision
+from fleetmap.engine.inputs import Replying
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +30,11 @@ class Ask:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Reply to a question: ``reply`` is what came with it."""
+    """Reply to a question: ``reply`` is what came with it, to be told whether that is all."""
 
-    reply: Callable[[Sequence[bytes]], None]
+    reply: Replying
     payloads: tuple[bytes, ...]
+    last: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,17 +65,11 @@ class MapChanged:
 
 @dataclass(frozen=True, slots=True)
 class PeersChanged:
-    """A robot appeared, came back or became absent."""
+    """A robot appeared, came back or became absent; ``via``: it is heard by way of that one alone."""
 
     robot: str
     alive: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Detour:
-    """The stream of a robot that seems absent advanced, through a mirror: the link to it may be broken."""
-
-    robot: str
+    via: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,5 +77,5 @@ class LookAgain:
     """There is room for peers whose tokens were refused before: look which are there."""
 
 
-Event = LifeChanged | MapChanged | PeersChanged | Detour | LookAgain
+Event = LifeChanged | MapChanged | PeersChanged | LookAgain
 Output = Put | Ask | Answer | Event

@@ -6,6 +6,7 @@ author couldn't be heard, may be replaced by what more robots hold.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -63,7 +64,7 @@ class Replica:
     heard : the author itself has said this revision
     outvoted : it was replaced by what more mirrors hold
     forked : the author has said two things under this seq; its next word decides
-    last_claimed : the latest seq that the others held when it last came through a mirror
+    been : the last few (``Holdings.changes``, revision) that it has come to
     kept : it counts: it is listed, hashed, mirrored and merged. One that is superseded doesn't, and goes on if its
         author does
     """
@@ -72,8 +73,8 @@ class Replica:
     heard: bool = False
     outvoted: bool = False
     forked: bool = False
-    last_claimed: int = 0
     kept: bool = True
+    been: deque[tuple[int, Revision]] = field(default_factory=lambda: deque(maxlen=8))
     log: RecordLog = field(default_factory=RecordLog)
     steps: list[Step] = field(default_factory=list)
     _corrected: int = 0
@@ -100,6 +101,10 @@ class Replica:
         """Give early records and parts of snapshots up, for want of room."""
         self._early.clear()
         self._parts.clear()
+
+    def as_of(self, changes: int) -> Revision | None:
+        """The revision that was held after so many changes; None if that was long ago, or nothing."""
+        return next((revision for change, revision in reversed(self.been) if change <= changes), None)
 
     def take_steps(self) -> list[Step]:
         """The steps since the last call."""

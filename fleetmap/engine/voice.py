@@ -15,6 +15,11 @@ from fleetmap.engine.quota import Quota
 from fleetmap.engine.stream import Stream
 from fleetmap.model.vectormap import VectorMap
 
+EARLY_S, LATE_S = 0.5, 2.0
+"""After a change the own seq is said: soon, for whoever missed the record, and again once nothing has changed for a
+while. The first only once in ``heartbeat_s``: who hears the next record sees by itself that one is missing."""
+MOVES_A_HEARTBEAT = 20
+"""So often a pose or a goal that changes may be said in ``heartbeat_s``."""
 CONTEST_S = 1.0
 """At least so long between two words that are said only because somebody spoke in this robot's name."""
 
@@ -27,7 +32,7 @@ class Voice:
     author : the own stream
     outputs : where they go
     ledger : counts them
-    heartbeat_s : how often the own revision is announced
+    heartbeat_s : how often the own revision is announced while nothing changes
     quota : when updates of the own map may be sent
 
     Attributes
@@ -40,9 +45,13 @@ class Voice:
         self, author: Author, outputs: list[Output], ledger: Ledger, *, heartbeat_s: float, quota: Quota
     ) -> None:
         self._author, self._outputs, self._ledger, self._quota = author, outputs, ledger, quota
-        self._heartbeat_s, self._heartbeat_due_s = heartbeat_s, 0.0
+        self._heartbeat_s = heartbeat_s
+        self._due_s, self._early_s, self._late_s = 0.0, math.inf, math.inf
+        self._early_again_s = self._move_again_s = -math.inf
+        self._changed = self._moved = False
+        self._pose: tuple[int, int, int] | None = None
+        self._goal: tuple[int, int] | None = None
         self._life = author.stream.life
-        self._said: dict[str, bytes] = {}
         self._doubts_answered_s = -math.inf
         self.waiting_maps: dict[str, VectorMap] = {}
         self.waiting_facts: FactsStep = {}
@@ -54,6 +63,11 @@ class Voice:
             self._life = self._author.stream.life
             self._outputs.append(LifeChanged(self._life))
         self._put("delta", record)
+        self.stir()
+
+    def stir(self) -> None:
+        """What is held here changed in a way that the others may not have heard of."""
+        self._changed = True
 
     def after(self, facts: FactsStep, maps: Mapping[str, VectorMap]) -> Stream:
         """The own stream as it would be after a step; it keeps its seq."""
@@ -85,21 +99,33 @@ class Voice:
         self.doubted, self._doubts_answered_s = False, now_s
         return True
 
-    def announce(self, kind: str, payload: bytes) -> None:
-        """Say something that is said again to every robot that appears."""
-        self._said[kind] = payload
-        self._put(kind, payload)
+    def move(self, pose: tuple[int, int, int] | None) -> None:
+        """Announce where the robot is."""
+        self._moved |= pose != self._pose
+        self._pose = pose
 
-    def greet(self) -> None:
-        """Say again what is announced: somebody has appeared."""
-        for kind, payload in self._said.items():
-            self._put(kind, payload)
+    def head_for(self, goal: tuple[int, int] | None) -> None:
+        """Announce where it is going."""
+        self._moved |= goal != self._goal
+        self._goal = goal
 
-    def beat(self, held: Callable[[], int], now_s: float) -> None:
-        """Say how far the own stream is, and the hash over all that is held, if it is time."""
-        if now_s >= self._heartbeat_due_s:
-            self._heartbeat_due_s = now_s + self._heartbeat_s
-            self._put("digest", envelope.encode(Heartbeat(self._author.stream.seq, held())))
+    def state(self, held: int, alive: int) -> Heartbeat:
+        """How far the own stream is, and where the robot."""
+        return Heartbeat(self._author.stream.seq, held, alive, self._pose, self._goal)
+
+    def beat(self, held: Callable[[], int], alive: Callable[[], int], now_s: float) -> None:
+        """Say that, if it is time."""
+        if self._changed:
+            self._changed, self._late_s = False, now_s + LATE_S
+            if now_s >= self._early_again_s:
+                self._early_s, self._early_again_s = now_s + EARLY_S, now_s + self._heartbeat_s
+        moves = self._moved and now_s >= self._move_again_s
+        if moves or now_s >= min(self._due_s, self._early_s, self._late_s):
+            self._moved, self._move_again_s = False, now_s + self._heartbeat_s / MOVES_A_HEARTBEAT
+            self._due_s = now_s + self._heartbeat_s
+            self._early_s = math.inf if now_s >= self._early_s else self._early_s
+            self._late_s = math.inf if now_s >= self._late_s else self._late_s
+            self._put("digest", envelope.encode(self.state(held(), alive())))
 
     def _put(self, kind: str, payload: bytes) -> None:
         self._ledger.sent(kind, len(payload))

@@ -47,7 +47,7 @@ class TeammateInfo:
 
 def peer_infos(engine: Engine) -> list[PeerInfo]:
     """All other robots that are known, by name."""
-    living = engine.neighbours.robots() - {engine.robot}
+    living = engine.living() - {engine.robot}
     held = streams_of(engine)
     infos = []
     for robot in sorted({*held, *living}):
@@ -93,7 +93,7 @@ def teammate_infos(engine: Engine, *, frame: str, now_s: float) -> list[Teammate
         T_frame_mate = T_frame_fleet @ start.to_pose()
         pose = goal_xy = None
         if mate.pose is not None:
-            pose = T_frame_mate @ Pose2(mate.pose.x_mm * 1e-3, mate.pose.y_mm * 1e-3, mate.pose.yaw_mrad * 1e-3)
+            pose = T_frame_mate @ Pose2(*(value * 1e-3 for value in mate.pose))
         if mate.goal_mm is not None:
             x, y = T_frame_mate.apply((mate.goal_mm[0] * 1e-3, mate.goal_mm[1] * 1e-3))
             goal_xy = (float(x), float(y))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
-from fleetmap.engine import Alive, Gone, Message, Query
+from fleetmap.engine import RELAY_S, Alive, Gone, Message, Query, Replying
 from fleetmap.peer.link import Receiver, Token
 
 ASK_TIMEOUT_S = 20.0
@@ -240,27 +240,27 @@ class MemoryLink:
             if not ended:
                 on_reply(reply)
 
-        def answered(other: MemoryLink, replies: Sequence[bytes]) -> None:
+        def answered(other: MemoryLink, replies: Sequence[bytes], *, last: bool = True) -> None:
             nonlocal waiting
             last_s = 0.0
-            for reply in replies:
+            for reply in replies if self._hub.reaches(other.robot, self.robot) else ():
                 size_bytes = OVERHEAD_BYTES + len(reply)
                 arrives_s = self._hub.carry(other.robot, self.robot, "reply", size_bytes, partial(take, reply))
                 last_s = max(last_s, arrives_s)
-            waiting -= 1
-            if waiting == 0:
+            waiting -= last
+            if last and waiting == 0:
                 # Behind the replies.
                 self._hub.clock.call_later(last_s, end)
 
         if not asked:
             self._hub.clock.call_later(0.0, end)
             return
-        self._hub.clock.call_later(ASK_TIMEOUT_S, end)
+        self._hub.clock.call_later(RELAY_S if kind == "relay" else ASK_TIMEOUT_S, end)
         for other in asked:
             arrive = partial(other.asked, kind, payload, partial(answered, other))
             self._hub.carry(self.robot, other.robot, kind, OVERHEAD_BYTES + len(payload), arrive)
 
-    def asked(self, kind: str, payload: bytes, reply: Callable[[Sequence[bytes]], None]) -> None:
+    def asked(self, kind: str, payload: bytes, reply: Replying) -> None:
         """A question arrives."""
         if self._receiver is not None:
             self._receiver.deliver(Query(kind, payload, reply))
@@ -268,18 +268,6 @@ class MemoryLink:
     async def tokens(self) -> list[Token]:
         """The peers that are there now."""
         return [other.token for other in self._hub.others(self) if other.token is not None]
-
-    async def reopen(self) -> None:
-        """Connect anew."""
-        receiver, token = self._receiver, self.token
-        if receiver is None:
-            return
-        for other in self._hub.others(self):
-            if other.token is not None:
-                receiver.deliver(Gone(*other.token))
-        self.vanish()
-        self.connect(receiver)
-        self.display(None if token is None else token[1])
 
     async def close(self) -> None:
         """Disconnect."""

@@ -37,12 +37,14 @@ class JoinOptions:
     start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
         is unknown. Whether the maps of the others are near is checked when this robot publishes
     connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
-    profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone
+    profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone; ``narrow``, for slow
+        radios, too, and says as little as it can while nothing changes
     config : further Zenoh settings, configuration key -> value; they override the profile's
     budget_Bps : payload bytes a second that updates of the own map may take, on average. Who publishes more often than
         that allows sends the difference to the last update that went, once it may; never a queue of old ones
     max_rate_hz : at most so many updates a second
-    heartbeat_s : how often the own revision is announced
+    heartbeat_s : how often the own revision is announced while nothing changes; None: 10 s, or 60 s with ``narrow``. A
+        pose or a goal that changes is announced up to 20 times as often
     fold_interval_s : at least so long between two folds that nobody waits for
     baselines : count at each publish what the grid would have cost, gzipped
     if_taken : what to do if a living peer has this name and answers: ``refuse`` raises ``NameInUse``; ``join`` is
@@ -68,7 +70,7 @@ class JoinOptions:
     config: Mapping[str, object] | None = None
     budget_Bps: float | None = None
     max_rate_hz: float | None = None
-    heartbeat_s: float = 2.0
+    heartbeat_s: float | None = None
     fold_interval_s: float = 0.2
     baselines: bool = True
     if_taken: str = "refuse"
@@ -88,7 +90,8 @@ class JoinOptions:
         fixed_pose("start", self.start)
         # Refuses what can't be, whatever the link.
         zenoh_settings(self.profile, listen=self.listen, connect=self.connect, config=self.config)
-        check_number("heartbeat_s", self.heartbeat_s, expected="seconds, more than 0", fits=lambda s: s > 0)
+        if self.heartbeat_s is not None:
+            check_number("heartbeat_s", self.heartbeat_s, expected="seconds, more than 0", fits=lambda s: s > 0)
         check_number("fold_interval_s", self.fold_interval_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
         check_type("baselines", self.baselines, bool)
         if self.if_taken not in IF_TAKEN:

@@ -23,7 +23,6 @@ from fleetmap.engine import (
     Answer,
     Ask,
     Chain,
-    Detour,
     Engine,
     Event,
     Input,
@@ -56,8 +55,8 @@ from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_i
 from fleetmap.peer.link import Link
 from fleetmap.peer.namesake import answers
 from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose
+from fleetmap.peer.profiles import HEARTBEAT_S
 from fleetmap.peer.publisher import GridPublisher
-from fleetmap.peer.supervisor import LinkSupervisor
 
 if TYPE_CHECKING:
     from fleetmap.planners.protocol import Path
@@ -110,7 +109,7 @@ class Peer:
             chain=Chain(seed),
             level=options.level,
             start=fixed_pose("start", options.start),
-            heartbeat_s=options.heartbeat_s,
+            heartbeat_s=options.heartbeat_s or HEARTBEAT_S[options.profile],
             quota=Quota(options.budget_Bps, options.max_rate_hz),
             ledger=self._ledger,
             allow=options.allow,
@@ -118,7 +117,6 @@ class Peer:
         )
         self._publisher = GridPublisher(self._ledger, baselines=options.baselines, robot=robot)
         self._folder = Folder(robot, self._look, interval_s=options.fold_interval_s, clock=clock)
-        self._supervisor = LinkSupervisor()
         self.stepped, self._steps = asyncio.Condition(), 0
         self._look_due = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
@@ -248,7 +246,7 @@ class Peer:
         )
 
     async def set_pose(self, pose: Pose2) -> None:
-        """Announce where the robot is, in its map frame."""
+        """Announce where the robot is, in its map frame. It goes within a twentieth of ``heartbeat_s``."""
         self._check()
         check_type("pose", pose, Pose2, hint=HOW_TO_POSE)
         await self._run(self._engine.set_pose, pose.x_m, pose.y_m, pose.yaw_rad)
@@ -387,7 +385,7 @@ class Peer:
         check_count("at_least", at_least, most=MAX_NEIGHBOURS)
 
         def missing() -> list[str]:
-            seen = len(self._engine.neighbours.robots() - {self.robot})
+            seen = len(self._engine.living() - {self.robot})
             return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
 
         await self._run(self._ask_lists)
@@ -510,8 +508,8 @@ class Peer:
                         on_reply=partial(self._take_reply, ask_id),
                         on_end=partial(self._take_reply, ask_id, None),
                     )
-                case Answer(reply, payloads):
-                    reply(payloads)
+                case Answer(reply, payloads, last):
+                    reply(payloads, last=last)
                 case event:
                     events.append(event)
         return events
@@ -523,14 +521,9 @@ class Peer:
                     self._folder.add([event])
                 case PeersChanged(robot, alive) if robot == self.robot:
                     logger.warning("%s: another peer of this name is %s", robot, "alive" if alive else "gone")
-                case PeersChanged(robot, alive):
-                    logger.info("%s: %s is %s", self.robot, robot, "alive" if alive else "absent")
-                    if alive:
-                        self._supervisor.linked(robot)
-                case Detour(robot):
-                    if self._supervisor.detour(robot, self._clock()):
-                        logger.warning("%s: %s lives but is not linked; connecting anew", self.robot, robot)
-                        await self._link.reopen()
+                case PeersChanged(robot, alive, via):
+                    by_way = f", by way of {via}" if via else ""
+                    logger.info("%s: %s is %s%s", self.robot, robot, "alive" if alive else "absent", by_way)
                 case LifeChanged(life):
                     await self._link.show(life)
                 case LookAgain():

@@ -8,8 +8,17 @@ from collections.abc import Mapping, Sequence
 from fleetmap.model.errors import ConfigError
 from fleetmap.peer.endpoints import check_endpoints
 
-PROFILES = ("lan", "local")
-"""``lan``: peers that find each other by multicast, and by the endpoints given. ``local``: by endpoints only."""
+PROFILES = ("lan", "local", "narrow")
+"""``lan``: peers that find each other by multicast, and by the endpoints given. ``local``: by endpoints only.
+``narrow``: by endpoints only, over slow radios: what is sent to keep links, and how far one is, goes seldom."""
+
+LEASE_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
+"""After such a silence a link counts as cut. A process that is stopped or starved for less keeps its links; the process
+that ends, or is killed, is seen at once. Keep-alives go each quarter: 43 B/s a link each way at 10 s, 7 at 60 s."""
+OPENING_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
+"""How long a link may take to open. Zenoh tries those that gossip told of once, and never again."""
+HEARTBEAT_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
+"""How often a peer says how far it is while nothing changes."""
 
 
 def zenoh_settings(
@@ -33,10 +42,10 @@ def zenoh_settings(
         "scouting/multicast/enabled": profile == "lan",
         "scouting/gossip/enabled": True,
         "scouting/delay": 100,
-        "timestamping/enabled": True,
-        # A silent cut is noticed after the lease: 10 s by default.
-        "transport/link/tx/lease": 3000,
-        "transport/unicast/open_timeout": 2000,
+        "transport/link/tx/lease": round(1000 * LEASE_S[profile]),
+        "transport/unicast/open_timeout": round(1000 * OPENING_S[profile]),
+        # Whoever accepts can't know how slow the other side is.
+        "transport/unicast/accept_timeout": round(1000 * max(OPENING_S.values())),
         # zenoh issues 2787 and 2788: memory that is never freed, silent loss.
         "transport/shared_memory/enabled": False,
         "transport/link/rx/max_message_size": 64 << 20,

@@ -21,8 +21,8 @@ from fleetmap.codecs.messages import StatsMessage
 from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
 from fleetmap.peer.endings import enter_zenoh
+from fleetmap.peer.keys import living_keys, parse_key, parse_token
 from fleetmap.peer.profiles import as_json5, zenoh_settings
-from fleetmap.peer.zenoh_link import living_keys, parse_key, parse_token
 
 ASK_TIMEOUT_S = 2.0
 MAX_ROBOTS = 512

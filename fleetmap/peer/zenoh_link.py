@@ -1,8 +1,8 @@
 """The link over Zenoh. What of Zenoh is marked unstable is used here, and in ``watcher``, and nowhere else.
 
-Zenoh's advanced layer repairs most losses by itself; what it can't, the engine sees by its own revisions.
-Callbacks run on Zenoh's threads and only hand over. All that declares one runs in a daemon thread, so that Zenoh's
-threads are daemons, too, and sessions are always closed: see ``endings``.
+Samples are plain ones, and may be lost where a queue is full: what is missing the engine sees by its own revisions.
+Callbacks run on Zenoh's threads, and only hand over: so a session has no thread of Python, however many questions are
+under way. What declares them runs in a daemon thread all the same, so that sessions are always closed: see ``endings``.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ from functools import partial
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 import zenoh
-from zenoh import ext
 
-from fleetmap.codecs.names import NAME
-from fleetmap.engine import Alive, Gone, Message, Query
+from fleetmap.engine import RELAY_S, Alive, Gone, Message, Query
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
+from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token
 from fleetmap.peer.link import Receiver, Token
 from fleetmap.peer.profiles import as_json5, zenoh_settings
 
@@ -32,20 +31,12 @@ from fleetmap.peer.profiles import as_json5, zenoh_settings
 
 log = logging.getLogger(__name__)
 
-LIFE = re.compile("[0-9a-f]{16}")
-
-CACHE_SAMPLES = 64
-"""Deltas that a publisher keeps for Zenoh's own recovery."""
-HEARTBEAT_S = 0.5
-"""How soon Zenoh tells subscribers of the last sample's number, while there are new ones."""
 ASK_TIMEOUT_S = 20.0
 """The engine waits less; over a slow link an answer may still come."""
 DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
-PLAIN_KINDS = ("digest", "pose", "goal")
-ASKED_KINDS = ("snapshot", "mirror", "revisions", "stats")
-MAX_LOOKED_AT = 16_384
-"""Tokens that a look at all of them finds."""
+SAID_KINDS = ("delta", "digest")
+ASKED_KINDS = ("snapshot", "mirror", "revisions", "relay")
 MAX_SEEN = 4096
 """Tokens that are remembered, to say that they vanished when the session is opened anew."""
 
@@ -164,9 +155,9 @@ class ZenohLink:
         try:
             session.get(
                 self._key(peer[0], kind, peer[1]),
-                zenoh.handlers.Callback(take, on_end),
+                direct(take, on_end),
                 payload=payload,
-                timeout=ASK_TIMEOUT_S,
+                timeout=RELAY_S if kind == "relay" else ASK_TIMEOUT_S,
                 target=zenoh.QueryTarget.ALL,
                 # Several replies carry one key: any other mode keeps the last one only.
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -271,18 +262,11 @@ class ZenohLink:
                 receiver.deliver(Gone(*token))
 
         self._declared = [
-            ext.declare_advanced_subscriber(
-                session,
-                f"{self._fleet}/*/delta/*",
-                message,
-                allowed_origin=remote,
-                recovery=ext.RecoveryConfig(heartbeat=True),  # type: ignore[call-arg]
-            ),
             *(
-                session.declare_subscriber(f"{self._fleet}/*/{kind}/*", message, allowed_origin=remote)
-                for kind in PLAIN_KINDS
+                session.declare_subscriber(f"{self._fleet}/*/{kind}/*", direct(message), allowed_origin=remote)
+                for kind in SAID_KINDS
             ),
-            session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", liveliness, history=True),
+            session.liveliness().declare_subscriber(f"{self._fleet}/*/alive/**", direct(liveliness), history=True),
         ]
         return self._living(session)
 
@@ -298,32 +282,25 @@ class ZenohLink:
             # A question to all has a * in places; the answer stands under the own key.
             own = self._key(self._robot, kind, life)
             if not self._is_over():
-                receiver.deliver(Query(kind, payload, lambda replies: self._reply(asked, own, replies)))
+                receiver.deliver(Query(kind, payload, partial(self._reply, asked, own)))
 
-        delta = ext.declare_advanced_publisher(
-            session,
-            self._key(self._robot, "delta", life),
-            congestion_control=zenoh.CongestionControl.DROP,
-            allowed_destination=remote,
-            cache=ext.CacheConfig(CACHE_SAMPLES),
-            sample_miss_detection=ext.MissDetectionConfig(sporadic_heartbeat=HEARTBEAT_S),  # type: ignore[call-arg]
-            publisher_detection=True,
-        )
-        plain = {
+        publishers = {
             kind: session.declare_publisher(
                 self._key(self._robot, kind, life),
                 congestion_control=zenoh.CongestionControl.DROP,
                 allowed_destination=remote,
             )
-            for kind in PLAIN_KINDS
+            for kind in SAID_KINDS
         }
+        # Figures are answered at once, which Zenoh's own thread is not for: this one is Python's.
+        answers = {kind: direct(partial(query, kind)) for kind in ASKED_KINDS} | {"stats": partial(query, "stats")}
         asked = [
-            session.declare_queryable(self._key(self._robot, kind, life), partial(query, kind), allowed_origin=remote)
-            for kind in ASKED_KINDS
+            session.declare_queryable(self._key(self._robot, kind, life), answer, allowed_origin=remote)
+            for kind, answer in answers.items()
         ]
         # Last: who sees it asks at once. The reference must be kept: a token dies with it.
         token = session.liveliness().declare_token(self._key(self._robot, "alive", life))
-        self._shown = Shown(life, {"delta": delta, **plain}, [*asked, token])
+        self._shown = Shown(life, publishers, [*asked, token])
         if before is not None:
             for declared in [*before.publishers.values(), *before.others]:
                 declared.undeclare()
@@ -346,17 +323,21 @@ class ZenohLink:
         keys = living_keys(session, f"{self._fleet}/*/alive/**", timeout_s=DISCOVERY_TIMEOUT_S)
         return [token for token in map(parse_token, keys) if token is not None]
 
+    def _reply(self, asked: zenoh.Query, key: str, replies: Sequence[bytes], *, last: bool = True) -> None:
+        if replies:
+            self._send(asked, key, replies)
+        if last and not self._closed.is_set():
+            # Also from Zenoh's own thread, which mustn't wait for who closes the session.
+            asked.drop()  # type: ignore[no-untyped-call]
+
     @_entering_zenoh
-    def _reply(self, asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:
-        if self._closed.is_set():
-            return
+    def _send(self, asked: zenoh.Query, key: str, replies: Sequence[bytes]) -> None:
         try:
             for payload in replies:
-                asked.reply(key, payload)
+                if not self._closed.is_set():
+                    asked.reply(key, payload)
         except zenoh.ZError as error:
             log.debug("reply to %s: %s", key, error)
-        finally:
-            asked.drop()  # type: ignore[no-untyped-call]
 
 
 @dataclass(frozen=True, slots=True)
@@ -376,39 +357,7 @@ class Declared(Protocol):
 
 
 class Publisher(Declared, Protocol):
-    """Zenoh's own, plain or advanced."""
+    """Zenoh's own."""
 
     def put(self, payload: bytes) -> None:
         """Publish."""
-
-
-def living_keys(session: zenoh.Session, selector: str, *, timeout_s: float) -> list[str]:
-    """The liveliness keys that are shown now.
-
-    Zenoh's own queue of replies holds 256, and what a session knows already comes before ``get`` returns: with more
-    tokens than that nobody would ever take one out.
-    """
-    found: list[str] = []
-    ended = threading.Event()
-
-    def take(reply: zenoh.Reply) -> None:
-        if reply.ok is not None and len(found) < MAX_LOOKED_AT:
-            found.append(str(reply.ok.key_expr))
-
-    session.liveliness().get(selector, zenoh.handlers.Callback(take, ended.set), timeout=timeout_s)
-    ended.wait(2 * timeout_s)
-    return list(found)
-
-
-def parse_key(key: str) -> tuple[str, str, int] | None:
-    """(robot, kind, life) of ``fleetmap/<fleet>/<robot>/<kind>/<life>``; None if it is no such key."""
-    parts = key.split("/")
-    if len(parts) != 5 or not LIFE.fullmatch(parts[4]) or not NAME.fullmatch(parts[2]):
-        return None
-    return parts[2], parts[3], int(parts[4], 16)
-
-
-def parse_token(key: str) -> Token | None:
-    """The peer behind a liveliness key; None if it is none of ours."""
-    parsed = parse_key(key)
-    return (parsed[0], parsed[2]) if parsed is not None and parsed[1] == "alive" else None
