@@ -67,6 +67,7 @@ class Holdings:
     _summed: dict[Key, int] = field(default_factory=dict)
     _sum: int = 0
     """Of the replicas' hashes; ``_summed`` are those by key."""
+    _forgets: tuple[int, bool] | None = None
     _indexed: tuple[int, Index] | None = None
     """The last index, and the hash over what is in it."""
 
@@ -138,6 +139,9 @@ class Holdings:
         ----------
         present : whether an author is there. Then it has ``SPARED_S`` to say that it lives
         """
+        if not self.hidden and not self._forgetting():
+            self._doubted = {}
+            return set()
         streams = {s.key: s for s in self.streams()}
         here = {key for key, state in self.hidden.items() if key in streams and streams[key].state == state}
         said = [item for key, s in streams.items() if key not in here for item in s.forgets.items()]
@@ -145,6 +149,13 @@ class Holdings:
         doubted = {key: self._since(self._doubted, streams[key]) for key in there if present(key)}
         self._doubted = doubted
         return here | {key for key in there if key not in doubted or self._is_over(doubted[key])}
+
+    def _forgetting(self) -> bool:
+        """Whether any stream has others forgotten; looked for anew when something else is held."""
+        held = self.held_hash()
+        if self._forgets is None or self._forgets[0] != held:
+            self._forgets = held, any(s.forgets for s in self.streams())
+        return self._forgets[1]
 
     def _since(self, doubts: dict[Key, tuple[State, float]], stream: Stream) -> tuple[State, float]:
         known = doubts.get(stream.key)

@@ -18,6 +18,9 @@ from fleetmap.peer.changes import ChangeQueue, RevisionVector
 
 logger = logging.getLogger(__name__)
 
+LOOK_S = 0.05
+LONGEST_PAUSE_S = 30.0
+"""Where nobody looks at the merged map, each fold is followed by a pause twice as long, up to this one."""
 FOLD_SHARE = 3.0
 """After a fold that took t, the next one that nobody waits for starts at least this many times t later."""
 
@@ -36,7 +39,7 @@ class Folder:
     def __init__(
         self, robot: str, look: Callable[[], Awaitable[View]], *, interval_s: float, clock: Callable[[], float]
     ) -> None:
-        self.merged = MergedMap(np.zeros((0, 8), np.int32))
+        self._merged, self._looked_at = MergedMap(np.zeros((0, 8), np.int32)), False
         self.revisions: RevisionVector = ()
         self.folded = False
         """Whether ``merged`` was ever brought up to date."""
@@ -47,8 +50,16 @@ class Folder:
         self._events: list[MapChanged] = []
         self._turn, self._dirty = asyncio.Lock(), asyncio.Event()
 
+    @property
+    def merged(self) -> MergedMap:
+        """The last one. Any thread may look at it."""
+        self._looked_at = True
+        return self._merged
+
     def add(self, events: Iterable[MapChanged]) -> None:
-        """Streams changed."""
+        """Streams changed. Of the own one its robot wants to know whether it is merged."""
+        events = list(events)
+        self._looked_at |= any(event.frame[0] == self._robot for event in events)
         self._events.extend(events)
         if self._events:
             self._dirty.set()
@@ -66,7 +77,7 @@ class Folder:
                     merged = await in_thread(partial(fold, view.sources))
                     if view.left_out:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
-                    self.merged, self.revisions = merged, view.revisions
+                    self._merged, self.revisions = merged, view.revisions
                     self._tell_left_out()
                 self.folded = True
             except BaseException:
@@ -76,20 +87,29 @@ class Folder:
                 raise
             for reader in self.readers:
                 reader.add(events, view.revisions)
-            return self.merged
+            return self._merged
 
     async def run(self) -> None:
-        """Refresh whenever something changed, and leave most of the time to others."""
+        """Refresh whenever something changed, leave most of the time to others, and nearly all if nobody looks."""
+        unseen_s = 0.0
         while True:
             await self._dirty.wait()
             began_s = self._clock()
             await self.refresh()
-            await asyncio.sleep(max(self._interval_s, FOLD_SHARE * (self._clock() - began_s)))
+            self._looked_at = False
+            pause_s = max(self._interval_s, FOLD_SHARE * (self._clock() - began_s))
+            await asyncio.sleep(pause_s)
+            unseen_s = min(LONGEST_PAUSE_S, 2 * max(unseen_s, pause_s))
+            until_s = self._clock() + unseen_s - pause_s
+            while not (self._looked_at or self.readers) and self._clock() < until_s:  # noqa: ASYNC110 - any thread looks
+                await asyncio.sleep(max(pause_s, LOOK_S))
+            if self._looked_at or self.readers:
+                unseen_s = 0.0
 
     def _tell_left_out(self) -> None:
         """Log whose maps are left out of the merged one, a line a robot, until all of that robot's are in it again."""
         reasons: dict[str, list[str]] = {}
-        for (robot, life, submap), reason in self.merged.left_out:
+        for (robot, life, submap), reason in self._merged.left_out:
             reasons.setdefault(robot, []).append(f"submap {submap} (life {life:016x}): {reason}")
         for robot in reasons.keys() - self._told:
             whose = "the own map" if robot == self._robot else f"the map of {robot}"
