@@ -21,19 +21,19 @@ import argparse
 import asyncio
 import json
 import os
-import shutil
 import statistics
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from namespaces import counted_bytes, in_a_namespace
+
 import fleetmap
 from fleetmap.accounting import Count, wire_bytes
 from fleetmap.accounting.ledger import Stats
-from fleetmap.accounting.wire import TCP_IP_BYTES
 from fleetmap.engine import Input, Query
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import Pose2
@@ -49,19 +49,6 @@ BOTH_S = 2.5
 PAYLOADS = (200, 1000, 2000, 8000, 40_000)
 PUTS = 20
 PUT_EVERY_S = 0.3
-
-
-def counted_bytes() -> int:
-    """IP bytes that this namespace has sent to itself so far."""
-
-    def table(path: str, name: str) -> dict[str, int]:
-        names, values = (line.split()[1:] for line in Path(path).read_text().splitlines() if line.startswith(name))
-        return dict(zip(names, map(int, values), strict=True))
-
-    ip, tcp = table("/proc/self/net/snmp", "Ip:"), table("/proc/self/net/snmp", "Tcp:")
-    octets = table("/proc/self/net/netstat", "IpExt:")["OutOctets"]
-    # What is to be cut into segments is counted as one packet.
-    return octets + (tcp["OutSegs"] + tcp["OutRsts"] - ip["OutRequests"]) * TCP_IP_BYTES
 
 
 def room(size: int) -> VectorMap:
@@ -170,7 +157,7 @@ def main() -> None:
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not options.inside:
-        sys.exit(in_a_namespace())
+        sys.exit(in_a_namespace(__file__))
     periods, for_s = ((0.1,), 3.0) if options.tiny else (PERIODS_S, options.for_s)
     payloads, puts = ((8000,), 5) if options.tiny else (PAYLOADS, PUTS)
     tables = {
@@ -191,21 +178,6 @@ def main() -> None:
     print(
         f"said once, when the link opens: {statistics.median(int(str(r['opening'])) for r in tables['publish']):,.0f} B"
     )
-
-
-def in_a_namespace() -> int:
-    """Run this script again where nothing else is; 0 with a reason where that can't be."""
-    if shutil.which("unshare") is None or shutil.which("ip") is None:
-        print("skipped: unshare and ip are not installed")
-        return 0
-    make = ["unshare", "--user", "--map-root-user", "--net"]
-    tried = subprocess.run([*make, "ip", "link", "set", "lo", "up"], capture_output=True, text=True, check=False)
-    if tried.returncode != 0:
-        print(f"skipped: no right to make a network namespace ({tried.stderr.strip()})")
-        return 0
-    script = 'ip link set lo mtu 1500 && ip link set lo up && exec "$0" "$@"'
-    again = [sys.executable, __file__, "--inside", *sys.argv[1:]]
-    return subprocess.run([*make, "sh", "-c", script, *again], check=False).returncode
 
 
 if __name__ == "__main__":
