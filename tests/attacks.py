@@ -20,8 +20,8 @@ import zenoh
 
 LIFE = "0123456789abcdef"
 TOKEN = f"alive/{LIFE}"
-SAID = tuple(f"{kind}/{LIFE}" for kind in ("delta", "digest", "pose", "goal"))
-ANSWERED = tuple(f"{kind}/{LIFE}" for kind in ("snapshot", "revisions", "mirror", "stats"))
+SAID = tuple(f"{kind}/{LIFE}" for kind in ("delta", "digest"))
+ANSWERED = tuple(f"{kind}/{LIFE}" for kind in ("snapshot", "revisions", "mirror", "relay", "stats"))
 """What there is under fleetmap/<fleet>/<robot>/: the token of who lives, samples, and answers to questions."""
 
 HONEST_PEER = Path(__file__).parent / "honest_peer.py"

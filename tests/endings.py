@@ -20,8 +20,9 @@ from pathlib import Path
 
 import zenoh
 
-from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.profiles import zenoh_settings
 from fleetmap.peer.rendezvous import free_port
+from fleetmap.peer.settings import as_json5
 
 PROGRAM = Path(__file__).parent / "ending_program.py"
 

@@ -152,7 +152,7 @@ OTHERS: list[tuple[msg.Message, object]] = [
     (msg.Relay("r8", 2**64 - 1), ["r8", 2**64 - 1]),
     (
         msg.StatsMessage(12_000, 2, 68, 5592, (4, 600, 4), {"delta": (10, 655, 10)}, {"grid_gzip_full": (1, 900, 1)}),
-        [12_000, 2, 68, 5592, [4, 600, 4], {"delta": [10, 655, 10]}, {"grid_gzip_full": [1, 900, 1]}],
+        [12_000, 2, 68, 5592, [4, 600, 4], {"delta": [10, 655, 10]}, {"grid_gzip_full": [1, 900, 1]}, []],
     ),
 ]
 """The messages that carry no change, each with its fields."""

@@ -20,7 +20,8 @@ from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import Pose2
 from fleetmap.peer import Peer
 from fleetmap.peer.figures import counts
-from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.profiles import zenoh_settings
+from fleetmap.peer.settings import as_json5
 from fleetmap.peer.watcher import Seen, Watcher
 
 
@@ -156,7 +157,7 @@ async def test_a_robot_that_does_not_say_or_says_nonsense_is_shown_without_figur
         ):
             while not (seen := await watcher.look()):
                 pass
-        assert seen[-1] == Seen("mute", True, None, None)
+        assert seen[-1] == Seen("mute", True, None, None, lives=1)
         assert all(s.figures is None for s in seen)
         del mute
     finally:

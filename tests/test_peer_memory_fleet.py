@@ -205,10 +205,10 @@ def test_of_two_living_peers_of_one_name_neither_gives_way_and_both_say_so() -> 
     assert (digest_of(b, "a", 1), digest_of(b, "a", 2)) == (room(12).digest, room(22).digest)
     for node, other in ((first, 2), (second, 1)):
         assert PeersChanged("a", True) in node.events
-        (problem,) = problems(node.engine)
+        (problem,) = problems(node.engine, (), ())
         assert problem.kind == "namesake"
         assert f"{life('a', other):016x}" in problem.text
-    assert problems(b.engine) == ()
+    assert problems(b.engine, (), ()) == ()
     second.kill()
     fleet.run(0.2)
     assert problems(first.engine) == ()

@@ -54,7 +54,7 @@ def check_bytes(document) -> None:
     assert sum(robot["wire_bytes_vector"] for robot in robots) == document["wire_bytes_vector"]
     time_s = sum(robot["t_s"] for robot in robots)
     # Keep-alives are those of simulated time: at most one each quarter of the lease, of 3 + 2 x 52 bytes.
-    assert 0 <= wire["keep_alives"] <= time_s / 2.5 * 107
+    assert 0 <= wire["keep_alives"] <= time_s / 3.0 * 107
     # Heartbeats too: what is said on the wire differs from the payload counted by these alone.
     beats = sum(robot["sent"]["digest"] for robot in robots)
     heartbeat_bytes = beats / sum(robot["sent_messages"]["digest"] for robot in robots)

@@ -62,7 +62,7 @@ class Transport:
 
     robot: str = "r0"
     fleet: str = "sim"
-    lease_s: float = 10.0
+    lease_s: float = 12.0
 
 
 class WireBytes(NamedTuple):

@@ -19,6 +19,7 @@ from rich.markup import escape
 from fleetmap.__main__ import main as main
 from fleetmap.cli.compare import compare
 from fleetmap.cli.compiling import CompilingShown
+from fleetmap.cli.doctor import doctor
 from fleetmap.cli.output import CheckedOutput, OutputLost, print_json, stderr
 from fleetmap.cli.paper import paper
 from fleetmap.cli.rasterize import rasterize
@@ -37,7 +38,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (sim, stats, vectorize, rasterize, compare, paper, warmup):
+for command in (sim, stats, doctor, vectorize, rasterize, compare, paper, warmup):
     app.command()(command)
 
 # typer keeps its exceptions in a copy of click of its own: reach them through the public name it exports.

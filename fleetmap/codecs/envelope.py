@@ -21,6 +21,8 @@ from fleetmap.codecs.messages import (
     MAX_LIFE,
     MAX_MESSAGE_BYTES,
     MAX_MM,
+    MAX_PROBLEM_BYTES,
+    MAX_PROBLEMS,
     MAX_ROWS,
     MAX_SEQ,
     MAX_TALLIES,
@@ -58,6 +60,12 @@ HEAD_BYTES = 32
 T = TypeVar("T")
 
 
+class _OtherVersion(ValueError):
+    def __init__(self, version: int) -> None:
+        self.version = version
+        super().__init__(f"version {version}; this one reads {VERSION}")
+
+
 def encode(message: Message) -> bytes:
     """A message as bytes."""
     match message:
@@ -78,8 +86,9 @@ def encode(message: Message) -> bytes:
             fields = [[list(token) for token in tokens]]
         case Relay(robot, life):
             fields = [robot, life]
-        case StatsMessage(age_ms, links, edges, explored_dm2, watched, sent, grids):
-            fields = [age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids)]
+        case StatsMessage(age_ms, links, edges, explored_dm2, watched, sent, grids, problems):
+            told = [text.encode() for text in problems]
+            fields = [age_ms, links, edges, explored_dm2, watched, dict(sent), dict(grids), told]
     packed: bytes = msgpack.packb([VERSION << 4 | message.KIND, *fields])
     return packed
 
@@ -146,7 +155,9 @@ def _guarded(data: bytes, robot: str, read: Callable[[], T]) -> T:
     try:
         return read()
     except (ValueError, TypeError, OverflowError, FleetmapError, msgpack.exceptions.UnpackException) as error:
-        raise WireError(robot=robot, size_bytes=len(data), reason=str(error) or type(error).__name__) from None
+        version = error.version if isinstance(error, _OtherVersion) else None
+        reason = str(error) or type(error).__name__
+        raise WireError(robot=robot, size_bytes=len(data), reason=reason, version=version) from None
 
 
 def _unpack(data: bytes) -> object:
@@ -169,7 +180,7 @@ def _read_message(fields: object) -> Message:
         raise ValueError("expected an array that starts with version and kind")
     version, kind = fields[0] >> 4, fields[0] & 15
     if version != VERSION:
-        raise ValueError(f"version {version}; this one reads {VERSION}")
+        raise _OtherVersion(version)
     body = fields[1:]
     match kind:
         case Record.KIND:
@@ -205,10 +216,11 @@ def _read_message(fields: object) -> Message:
             asked_for = _array(body, 2)
             return Relay(_name(asked_for[0]), _word(asked_for[1]))
         case StatsMessage.KIND:
-            a = _array(body, 7)
+            a = _array(body, 8)
             links, edges = (_integer(a[i], 0, MAX_COUNTER) for i in (1, 2))
             age_ms, explored_dm2 = (_integer(a[i], 0, MAX_COUNT) for i in (0, 3))
-            return StatsMessage(age_ms, links, edges, explored_dm2, _tally(a[4]), _tallies(a[5]), _tallies(a[6]))
+            counted = _tally(a[4]), _tallies(a[5]), _tallies(a[6])
+            return StatsMessage(age_ms, links, edges, explored_dm2, *counted, _texts(a[7]))
     raise ValueError(f"unknown kind {kind}")
 
 
@@ -360,6 +372,13 @@ def _tallies(value: object) -> dict[str, Tally]:
     if not isinstance(value, dict) or len(value) > MAX_TALLIES:
         raise ValueError(f"expected a map of at most {MAX_TALLIES} counts")
     return {_name(name): _tally(count) for name, count in value.items()}
+
+
+def _texts(value: object) -> tuple[str, ...]:
+    texts = _rows(value)
+    if len(texts) > MAX_PROBLEMS:
+        raise ValueError(f"expected at most {MAX_PROBLEMS} texts")
+    return tuple(_bytes(text, MAX_PROBLEM_BYTES).decode() for text in texts)
 
 
 def _bytes(value: object, longest: int) -> bytes:

@@ -193,6 +193,7 @@ class Relay:
 Tally = tuple[int, int, int]
 """Messages, their payload bytes, and the TCP segments that they take."""
 MAX_TALLIES = 64
+MAX_PROBLEMS, MAX_PROBLEM_BYTES = 16, 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +209,7 @@ class StatsMessage:
     watched : answers to watchers so far; they are not in ``sent``
     sent : by kind, to one receiver
     grids : by name, what its updates would have been as grids; empty if it doesn't count them
+    problems : what ``Peer.health`` tells, in words
     """
 
     KIND: ClassVar[int] = 8
@@ -218,6 +220,7 @@ class StatsMessage:
     watched: Tally
     sent: Mapping[str, Tally]
     grids: Mapping[str, Tally]
+    problems: tuple[str, ...] = ()
 
 
 Message = Record | SnapshotChunk | Heartbeat | Want | RevisionList | Ranges | Living | Relay | StatsMessage

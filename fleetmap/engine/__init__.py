@@ -8,7 +8,7 @@ for output in engine.take_outputs(): ...                              # Put, Ask
 
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.engine import Engine
-from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
+from fleetmap.engine.inputs import Alive, Foreign, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
 from fleetmap.engine.outputs import (
     Answer,
     Ask,
@@ -31,6 +31,7 @@ __all__ = [
     "Chain",
     "Engine",
     "Event",
+    "Foreign",
     "Gone",
     "Input",
     "LifeChanged",

@@ -45,7 +45,7 @@ from fleetmap.engine.chain import Chain
 from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
 from fleetmap.engine.guard import REFUSED_COUNTS, Guard
 from fleetmap.engine.holdings import Holdings
-from fleetmap.engine.inputs import Alive, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
+from fleetmap.engine.inputs import Alive, Foreign, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
 from fleetmap.engine.neighbours import ALIVE_MASK, Neighbour, Neighbours
 from fleetmap.engine.outputs import Answer, Ask, LookAgain, Output, PeersChanged
 from fleetmap.engine.quota import Quota
@@ -62,6 +62,8 @@ from fleetmap.model.errors import ConfigError, WireError, reason_without_numbers
 from fleetmap.model.pose import FixedPose, wrap
 from fleetmap.model.vectormap import VectorMap
 
+MAX_OTHERS = 64
+"""Robots of other versions that are remembered."""
 LARGEST_LIVES = 5
 """So many times what one life may hold all lives of a name may hold together: that of four former ones, and of one. A
 life that is there goes for none of them: whoever invents others can't crowd out who runs."""
@@ -108,6 +110,8 @@ class Engine:
         self._asking = Asking(self.holdings, self.neighbours, self._alive, self._outputs, self.ledger)
         self._answers = Answers(self.holdings, self.neighbours, self._state, self.ledger)
         self._voice = Voice(self.author, self._outputs, self.ledger, heartbeat_s=heartbeat_s, quota=quota or Quota())
+        self.other_versions: dict[str, int] = {}
+        """Robots that speak another version of the protocol, 0 where it isn't said."""
         self._refused: ConfigError | None = None
         self._left_out: set[Key] = set()
         self._commit(facts={**set_level(level), **set_start(start)}, even_if_nothing=True)
@@ -238,6 +242,8 @@ class Engine:
             case Alive(robot, life):
                 self._on_alive((robot, life), now_s)
                 return  # the next tick asks: thousands of tokens may come at once
+            case Foreign(robot, alive):
+                self._note_version(robot, 0 if alive else None)
             case Gone(robot, life):
                 self._on_gone((robot, life), now_s)
             case Query("relay", payload, reply):
@@ -521,6 +527,7 @@ class Engine:
 
     def _spoke(self, neighbour: Neighbour) -> None:
         neighbour.unanswered = 0
+        self.other_versions.pop(neighbour.key[0], None)
         if not neighbour.spoke:
             robot = neighbour.key[0]
             new = robot not in self.neighbours.robots()
@@ -670,7 +677,15 @@ class Engine:
         try:
             work()
         except WireError as error:
+            if error.version is not None:
+                self._note_version(robot, error.version)
             self.ledger.dropped(robot, kind, len(payload), reason=reason_without_numbers(error))
+
+    def _note_version(self, robot: str, version: int | None) -> None:
+        if version is None:
+            self.other_versions.pop(robot, None)
+        elif len(self.other_versions) < MAX_OTHERS and self._guard.allows(robot):
+            self.other_versions[robot] = version
 
 
 def _millimetres(option: str, point_xy: tuple[float, float]) -> tuple[int, int]:

@@ -26,6 +26,14 @@ class Alive:
 
 
 @dataclass(frozen=True, slots=True)
+class Foreign:
+    """The token of a robot appeared or vanished that this version can't read."""
+
+    robot: str
+    alive: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Gone:
     """The liveliness token of a life vanished."""
 
@@ -64,4 +72,4 @@ class ReplyEnd:
     ask_id: int
 
 
-Input = Message | Alive | Gone | Query | Reply | ReplyEnd
+Input = Message | Alive | Foreign | Gone | Query | Reply | ReplyEnd

@@ -36,10 +36,10 @@ class MapWarning(UserWarning):
 
 
 class WireError(FleetmapError, ValueError):
-    """A message was refused; nothing of it was applied."""
+    """A message was refused; nothing of it was applied. ``version``: that of the protocol, if it is another one."""
 
-    def __init__(self, *, robot: str, size_bytes: int, reason: str) -> None:
-        self.robot, self.size_bytes, self.reason = robot, size_bytes, reason
+    def __init__(self, *, robot: str, size_bytes: int, reason: str, version: int | None = None) -> None:
+        self.robot, self.size_bytes, self.reason, self.version = robot, size_bytes, reason, version
         super().__init__(f"{robot}: message of {size_bytes} B refused: {reason}")
 
 

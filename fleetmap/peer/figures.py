@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from fleetmap.accounting import Count
 from fleetmap.codecs import envelope
-from fleetmap.codecs.messages import MAX_TALLIES, StatsMessage, Tally
+from fleetmap.codecs.messages import MAX_PROBLEM_BYTES, MAX_PROBLEMS, MAX_TALLIES, StatsMessage, Tally
 from fleetmap.engine import Engine
 
 DM2_A_M2 = 100
 
 
-def own_figures(engine: Engine, *, age_s: float) -> bytes:
+def own_figures(engine: Engine, problems: Iterable[str], *, age_s: float) -> bytes:
     """The answer to a watcher, from the ledger; it is counted apart from all that the robot says by itself.
 
     May be called from any thread, beside an engine at work: the ledger has a lock, and a stream never changes.
@@ -26,10 +26,16 @@ def own_figures(engine: Engine, *, age_s: float) -> bytes:
         _tally(watched),
         _tallies(sent),
         _tallies(grids),
+        tuple(shortened(text) for text in problems)[:MAX_PROBLEMS],
     )
     payload = envelope.encode(message)
     engine.ledger.watched(len(payload))
     return payload
+
+
+def shortened(text: str) -> str:
+    """As much of a text as a message takes."""
+    return text.encode()[:MAX_PROBLEM_BYTES].decode(errors="ignore")
 
 
 def counts(tallies: Mapping[str, Tally]) -> dict[str, Count]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -12,11 +11,10 @@ import numpy as np
 
 from fleetmap.engine import MapChanged
 from fleetmap.engine.view import View
+from fleetmap.merge.protocol import Frame
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
-
-logger = logging.getLogger(__name__)
 
 LOOK_S = 0.05
 LONGEST_PAUSE_S = 30.0
@@ -46,7 +44,6 @@ class Folder:
         self.readers: set[ChangeQueue] = set()
         self._look, self._interval_s, self._clock = look, interval_s, clock
         self._robot = robot
-        self._told: set[str] = set()
         self._events: list[MapChanged] = []
         self._turn, self._dirty = asyncio.Lock(), asyncio.Event()
 
@@ -78,7 +75,6 @@ class Folder:
                     if view.left_out:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
                     self._merged, self.revisions = merged, view.revisions
-                    self._tell_left_out()
                 self.folded = True
             except BaseException:
                 # Who waited gave up: the readers still want to know.
@@ -106,17 +102,10 @@ class Folder:
             if self._looked_at or self.readers:
                 unseen_s = 0.0
 
-    def _tell_left_out(self) -> None:
-        """Log whose maps are left out of the merged one, a line a robot, until all of that robot's are in it again."""
-        reasons: dict[str, list[str]] = {}
-        for (robot, life, submap), reason in self._merged.left_out:
-            reasons.setdefault(robot, []).append(f"submap {submap} (life {life:016x}): {reason}")
-        for robot in reasons.keys() - self._told:
-            whose = "the own map" if robot == self._robot else f"the map of {robot}"
-            first, *more = reasons[robot]
-            rest = f"; and {len(more)} more" if more else ""
-            logger.warning("%s: left out of the merged map: %s, %s%s", self._robot, whose, first, rest)
-        self._told = set(reasons)
+    @property
+    def left_out(self) -> tuple[tuple[Frame, str], ...]:
+        """(frame, reason) of what the last fold left out. Any thread may ask."""
+        return self._merged.left_out
 
     def close(self) -> None:
         """Tell the readers that no more will come."""

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from fleetmap.codecs.envelope import VERSION
 from fleetmap.engine import Engine
+from fleetmap.merge.protocol import Frame
+
+MAX_NAMED = 5
+UNKNOWN_REASON = (
+    "something listens there that lets this robot in by no link: it is no fleetmap, or lets nobody in, or has room for "
+    "nobody"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,9 +22,11 @@ class Problem:
 
     Parameters
     ----------
-    kind : ``disputed``: what a robot has said is contradicted, and nobody can tell who is right; ``namesake``: another
-        living peer has the own name
-    robot : whom it is about
+    kind : ``disputed``: what a robot has said is contradicted, and nobody can tell who is right; ``left out``: a map is
+        not in the merged one; ``namesake``: another living peer has the own name; ``router``: robots can't be heard
+        through a router; ``unreachable``: nobody was reached at an endpoint; ``version``: a robot speaks another
+        version of the protocol
+    robot : whom it is about; or the endpoint
     text : what was found, and what to do
     """
 
@@ -24,11 +35,17 @@ class Problem:
     text: str
 
 
-def problems(engine: Engine) -> tuple[Problem, ...]:
-    """All problems of now, by kind and robot."""
+def problems(engine: Engine, left_out: Iterable[tuple[Frame, str]], network: Iterable[Problem]) -> tuple[Problem, ...]:
+    """All problems of now, by kind and whom they are about.
+
+    Parameters
+    ----------
+    left_out : (frame, reason) of maps that the last fold left out
+    network : what the link found
+    """
     found = [
         Problem("disputed", robot, f"{text}. forget({robot!r}) leaves it out of the merged map")
-        for robot, text in sorted(engine.disputed().items())
+        for robot, text in engine.disputed().items()
     ]
     beside = [n for n in list(engine.neighbours.by_key.values()) if n.key[0] == engine.robot and n.spoke]
     if beside:
@@ -38,4 +55,34 @@ def problems(engine: Engine) -> tuple[Problem, ...]:
             "name of its own, or end the other process"
         )
         found.append(Problem("namesake", engine.robot, text))
-    return tuple(found)
+    found += [other_version(robot, version) for robot, version in list(engine.other_versions.items())]
+    reasons: dict[str, list[str]] = {}
+    for (robot, life, submap), reason in left_out:
+        reasons.setdefault(robot, []).append(f"submap {submap} (life {life:016x}): {reason}")
+    for robot, (first, *more) in reasons.items():
+        whose = "the own map" if robot == engine.robot else f"the map of {robot}"
+        rest = f"; and {len(more)} more" if more else ""
+        found.append(Problem("left out", robot, f"left out of the merged map: {whose}, {first}{rest}"))
+    return tuple(sorted([*found, *network], key=lambda problem: (problem.kind, problem.robot)))
+
+
+def other_version(robot: str, version: int) -> Problem:
+    """A robot speaks another version of the protocol, 0 where it isn't said which."""
+    speaks = f"version {version}" if version else "another version"
+    text = f"{robot} speaks {speaks} of the protocol, and this one version {VERSION}: neither understands the other"
+    return Problem("version", robot, f"{text}. Install the same fleetmap on both")
+
+
+def unreachable(endpoint: str, reason: str | None) -> Problem:
+    """Nobody was reached at an endpoint that is dialled; ``reason``: None if it can't be told."""
+    return Problem("unreachable", endpoint, f"no link to {endpoint}: {reason or UNKNOWN_REASON}")
+
+
+def behind_router(robots: Sequence[str]) -> Problem:
+    """Robots that a client hears by way of a router, and a peer doesn't."""
+    names = ", ".join(robots[:MAX_NAMED]) + (f" and {len(robots) - MAX_NAMED} more" if len(robots) > MAX_NAMED else "")
+    text = (
+        f"{names} and this robot are behind a router, which passes nothing on between peers: join with "
+        'config={"mode": "client"}, or give connect= the address of a robot'
+    )
+    return Problem("router", names, text)

@@ -54,3 +54,9 @@ def parse_token(key: str) -> Token | None:
     """The peer behind a liveliness key; None if it is none of ours."""
     parsed = parse_key(key)
     return (parsed[0], parsed[2]) if parsed is not None and parsed[1] == "alive" else None
+
+
+def robot_of_token(key: str) -> str | None:
+    """The robot behind a key ``fleetmap/<fleet>/<robot>/alive/...``, also of another version; None if it is none."""
+    parts = key.split("/")
+    return parts[2] if len(parts) > 4 and parts[3] == "alive" and NAME.fullmatch(parts[2]) else None

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import Protocol
 
 from fleetmap.engine import Input
+from fleetmap.peer.health import Problem
 
 Token = tuple[str, int]
 """(robot, life) of a peer that is there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """What a link is connected to.
+
+    Parameters
+    ----------
+    reached : somebody was, since it was opened; or nobody was to be dialled
+    problems : what is wrong
+    """
+
+    reached: bool = True
+    problems: tuple[Problem, ...] = ()
 
 
 class Receiver(Protocol):
@@ -51,6 +67,15 @@ class Link(Protocol):
 
     async def reopen(self) -> None:
         """Connect anew, with the token shown last; each peer's token is seen to vanish, and to appear if it lives."""
+        ...
+
+    async def look(self, seen: Collection[str]) -> Network:
+        """What it is connected to now, and why not to more.
+
+        Parameters
+        ----------
+        seen : names of robots that are there, or heard by way of others
+        """
         ...
 
     async def close(self) -> None:

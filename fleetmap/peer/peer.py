@@ -52,7 +52,7 @@ from fleetmap.peer.folder import Folder
 from fleetmap.peer.health import Problem, problems
 from fleetmap.peer.inbox import Inbox
 from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
-from fleetmap.peer.link import Link
+from fleetmap.peer.link import Link, Network
 from fleetmap.peer.namesake import answers
 from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose
 from fleetmap.peer.profiles import HEARTBEAT_S
@@ -66,6 +66,8 @@ logger = logging.getLogger(__name__)
 TICK_S = 0.1
 SLICE = 64
 """Items that the engine takes at a time: between two slices the user has a turn."""
+HEALTH_S = 1.0
+"""Between two looks for what is wrong."""
 LOOK_PAUSE_S = 1.0
 """At least so long between two looks at all tokens."""
 LAST_WORD_S = 0.3
@@ -119,6 +121,8 @@ class Peer:
         self._folder = Folder(robot, self._look, interval_s=options.fold_interval_s, clock=clock)
         self.stepped, self._steps = asyncio.Condition(), 0
         self._look_due = asyncio.Event()
+        self._network = Network(reached=not options.connect)
+        self._connect = ", ".join(options.connect)
         self._tasks: list[asyncio.Task[None]] = []
         self._failure: FleetmapError | None = None
         self._state = "new"
@@ -155,7 +159,7 @@ class Peer:
             await self._link.show(self._engine.own.life)
             for token in tokens:
                 self._inbox.deliver(Alive(*token))
-            works = (self._pump, self._look_for_tokens, self._folder.run)
+            works = (self._pump, self._look_for_tokens, self._look_after, self._folder.run)
             self._tasks = [asyncio.create_task(self._guard(work)) for work in works]
             for task in self._tasks:
                 task.add_done_callback(_look_at)
@@ -337,8 +341,8 @@ class Peer:
         return self._ledger.stats()
 
     def health(self) -> tuple[Problem, ...]:
-        """What is wrong now, in words that say what to do; empty if nothing is."""
-        return problems(self._engine)
+        """What is wrong now, in words that say what to do; empty if nothing is. Any thread may ask."""
+        return problems(self._engine, self._folder.left_out, self._network.problems)
 
     async def changes(self) -> AsyncGenerator[Change, None]:
         """What any robot's new map did to the merged one; ``merged`` holds it when the change is yielded.
@@ -378,7 +382,8 @@ class Peer:
 
         Raises
         ------
-        TimeoutError : something is still missing, or disputed among the others; the message says what
+        TimeoutError : something is still missing, or disputed among the others, or nobody was ever reached at the
+            endpoints of ``connect``; the message says what
         """
         self._check()
         check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
@@ -386,6 +391,9 @@ class Peer:
 
         def missing() -> list[str]:
             seen = len(self._engine.living() - {self.robot})
+            if not self._network.reached and not self._engine.living():
+                why = [problem.text for problem in self._network.problems if problem.kind == "unreachable"]
+                return why or [f"anybody at {self._connect}"]
             return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
 
         await self._run(self._ask_lists)
@@ -479,7 +487,8 @@ class Peer:
         return await self._worker.run(call)
 
     def _figures(self) -> bytes:
-        return own_figures(self._engine, age_s=self._clock() - self._opened_s)
+        told = [problem.text for problem in self.health()]
+        return own_figures(self._engine, told, age_s=self._clock() - self._opened_s)
 
     async def _look(self) -> View:
         return await self._read(partial(view, self._engine))
@@ -583,6 +592,18 @@ class Peer:
             for token in await self._link.tokens():
                 self._inbox.deliver(Alive(*token))
             await asyncio.sleep(LOOK_PAUSE_S)
+
+    async def _look_after(self) -> None:
+        """Notice what is wrong, and tell of it in the log, a line once until it is over."""
+        told: set[tuple[str, str]] = set()
+        while True:
+            await asyncio.sleep(HEALTH_S)
+            self._network = await self._link.look(self._engine.living())
+            found = {(problem.kind, problem.robot): problem.text for problem in self.health()}
+            for key, text in found.items():
+                if key not in told:
+                    logger.warning("%s: %s", self.robot, text)
+            told = set(found)
 
     def _feed(self, items: Iterable[Input], now_s: float) -> None:
         for item in items:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 
 from fleetmap.model.errors import ConfigError
 from fleetmap.peer.endpoints import check_endpoints
+from fleetmap.peer.settings import check_config
 
 PROFILES = ("lan", "local", "narrow")
 """``lan``: peers that find each other by multicast, and by the endpoints given. ``local``: by endpoints only.
 ``narrow``: by endpoints only, over slow radios: what is sent to keep links, and how far one is, goes seldom."""
 
-LEASE_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
+LEASE_S = {"lan": 12.0, "local": 12.0, "narrow": 60.0}
 """After such a silence a link counts as cut. A process that is stopped or starved for less keeps its links; the process
-that ends, or is killed, is seen at once. Keep-alives go each quarter: 43 B/s a link each way at 10 s, 7 at 60 s."""
+that ends, or is killed, is seen at once. Keep-alives go each quarter: 36 B/s a link each way at 12 s, 7 at 60 s."""
 OPENING_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
 """How long a link may take to open. Zenoh tries those that gossip told of once, and never again."""
 HEARTBEAT_S = {"lan": 10.0, "local": 10.0, "narrow": 60.0}
@@ -28,12 +28,13 @@ def zenoh_settings(
 
     Raises
     ------
-    ConfigError : an unknown profile, no endpoint (``peer.endpoints``), or a setting that can't be written as JSON
+    ConfigError : an unknown profile, no endpoint (``peer.endpoints``), a setting that can't be written as JSON or names
+        a file that can't be read
     """
     if profile not in PROFILES:
         raise ConfigError(option="profile", value=profile, reason=f"expected one of {', '.join(PROFILES)}")
     listening, connecting = check_endpoints("listen", listen), check_endpoints("connect", connect)
-    further = _checked_config({} if config is None else config)
+    further = check_config({} if config is None else config)
     everywhere = "tcp/127.0.0.1:0" if profile == "local" else "tcp/0.0.0.0:0"
     return {
         "mode": "peer",
@@ -51,21 +52,3 @@ def zenoh_settings(
         "transport/link/rx/max_message_size": 64 << 20,
         **further,
     }
-
-
-def _checked_config(config: object) -> dict[str, object]:
-    if not isinstance(config, Mapping) or not all(isinstance(key, str) for key in config):
-        reason = 'expected Zenoh\'s keys -> values, as {"scouting/multicast/enabled": False}'
-        raise ConfigError(option="config", value=config, reason=reason)
-    for key, value in config.items():
-        try:
-            as_json5(value)
-        except (TypeError, ValueError) as error:
-            reason = f"the value of {key!r} can't be written as JSON: {error}"
-            raise ConfigError(option="config", value={key: value}, reason=reason) from None
-    return dict(config)
-
-
-def as_json5(value: object) -> str:
-    """A setting as the JSON text that ``zenoh.Config.insert_json5`` expects; text stays as it is."""
-    return value if isinstance(value, str) and value[:1] in '"[{' else json.dumps(value)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.peer.endings import enter_zenoh
-from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.profiles import zenoh_settings
+from fleetmap.peer.settings import as_json5
 
 PORT = 7447
 """Zenoh's own default: whoever wants to join the simulated fleet finds it there, if it was free."""

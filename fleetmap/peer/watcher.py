@@ -8,7 +8,8 @@ watcher counts them, too.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -21,8 +22,9 @@ from fleetmap.codecs.messages import StatsMessage
 from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
 from fleetmap.peer.endings import enter_zenoh
-from fleetmap.peer.keys import living_keys, parse_key, parse_token
-from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.keys import living_keys, parse_key, parse_token, robot_of_token
+from fleetmap.peer.profiles import zenoh_settings
+from fleetmap.peer.settings import as_json5
 
 ASK_TIMEOUT_S = 2.0
 MAX_ROBOTS = 512
@@ -40,6 +42,8 @@ class Seen:
     endpoint : of the link to it; None if it is not linked or didn't answer
     figures : its answer; None if there was none in time
     life : whose answer it is
+    version : of the protocol that it speaks, if that is another one; 0 where it isn't said
+    lives : how many tokens it shows
     """
 
     robot: str
@@ -47,6 +51,8 @@ class Seen:
     endpoint: str | None
     figures: StatsMessage | None
     life: int = 0
+    version: int | None = None
+    lives: int = 0
 
 
 class Watcher:
@@ -55,7 +61,7 @@ class Watcher:
     Parameters
     ----------
     fleet : its name
-    profile, connect, listen : see ``fleetmap.join``
+    profile, connect, listen, config : see ``fleetmap.join``
 
     Attributes
     ----------
@@ -67,9 +73,17 @@ class Watcher:
     LinkError : on entering: the transport could not be opened
     """
 
-    def __init__(self, fleet: str, *, profile: str, connect: Sequence[str] = (), listen: Sequence[str] = ()) -> None:
-        self.fleet = check_name("fleet", fleet)
-        self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=None)
+    def __init__(
+        self,
+        fleet: str,
+        *,
+        profile: str,
+        connect: Sequence[str] = (),
+        listen: Sequence[str] = (),
+        config: Mapping[str, object] | None = None,
+    ) -> None:
+        self.fleet, self.dialled = check_name("fleet", fleet), tuple(connect)
+        self.settings = zenoh_settings(profile, listen=listen, connect=connect, config=config)
         self.endpoint = ", ".join([*connect, *listen]) or ("multicast" if profile == "lan" else "nowhere")
         self.questions, self.answers = Count(), Count()
         self._session: zenoh.Session | None = None
@@ -77,7 +91,7 @@ class Watcher:
     async def __aenter__(self) -> Self:
         enter_zenoh(self.endpoint)
         config = zenoh.Config()
-        for key, value in self._settings.items():
+        for key, value in self.settings.items():
             config.insert_json5(key, as_json5(value))
         try:
             self._session = await asyncio.to_thread(zenoh.open, config)
@@ -107,6 +121,14 @@ class Watcher:
         except zenoh.ZError as error:
             raise LinkError(endpoint=self.endpoint, reason=str(error)) from None
 
+    async def links(self) -> tuple[list[str], bool]:
+        """Endpoints that this session is linked to, and whether a router is among them."""
+        session = self._session
+        if session is None:
+            return [], False
+        links, routers = await asyncio.to_thread(lambda: (session.info.links(), session.info.routers_zid()))
+        return sorted({link.dst for link in links}), bool(routers)
+
     async def surroundings(self) -> tuple[list[str], list[str]]:
         """Endpoints that this session is linked to, and the fleets that have robots there."""
         session = self._session
@@ -126,8 +148,9 @@ class Watcher:
 
     def _look(self, session: zenoh.Session) -> list[Seen]:
         keys = living_keys(session, f"fleetmap/{self.fleet}/*/alive/**", timeout_s=ASK_TIMEOUT_S)
-        living = {token[0] for token in map(parse_token, keys) if token is not None}
-        told: dict[str, tuple[StatsMessage, str, int]] = {}
+        living = Counter(token[0] for token in map(parse_token, keys) if token is not None)
+        versions = dict.fromkeys(filter(None, (robot_of_token(key) for key in keys if parse_token(key) is None)), 0)
+        told: dict[str, tuple[StatsMessage | None, str, int]] = {}
         self.questions.add(0)
         replies = session.get(
             f"fleetmap/{self.fleet}/*/stats/*",
@@ -145,13 +168,17 @@ class Watcher:
             self.answers.add(len(payload))
             try:
                 message = envelope.decode(payload, robot=robot)
-            except WireError:
+            except WireError as error:
+                if error.version is not None:
+                    versions[robot] = error.version
                 continue
             if isinstance(message, StatsMessage):
                 told[robot] = (message, "" if reply.replier_id is None else str(reply.replier_id.zid), life)
         endpoints = {str(link.zid): link.dst for link in session.info.links()}
         seen = []
-        for robot in sorted(living | told.keys())[:MAX_ROBOTS]:
-            message_or_none, zid, life = told.get(robot, (None, "", 0))
-            seen.append(Seen(robot, robot in living, endpoints.get(zid), message_or_none, life))
+        for robot in sorted(living.keys() | told.keys() | versions.keys())[:MAX_ROBOTS]:
+            figures, zid, life = told.get(robot, (None, "", 0))
+            version = None if figures else versions.get(robot)
+            alive = robot in living or robot in versions
+            seen.append(Seen(robot, alive, endpoints.get(zid), figures, life, version, living[robot]))
         return seen

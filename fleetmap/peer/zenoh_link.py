@@ -12,20 +12,24 @@ import functools
 import logging
 import re
 import threading
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 import zenoh
 
-from fleetmap.engine import RELAY_S, Alive, Gone, Message, Query
+from fleetmap.engine import RELAY_S, Alive, Foreign, Gone, Message, Query
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
-from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token
-from fleetmap.peer.link import Receiver, Token
-from fleetmap.peer.profiles import as_json5, zenoh_settings
+from fleetmap.peer.health import Problem, behind_router, unreachable
+from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token, robot_of_token
+from fleetmap.peer.link import Network, Receiver, Token
+from fleetmap.peer.probe import Visit, why_not
+from fleetmap.peer.profiles import zenoh_settings
+from fleetmap.peer.settings import as_json5
 
 # The stubs of zenoh 1.10 mark optional arguments as required, and leave some methods without types.
 
@@ -37,6 +41,9 @@ DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 SAID_KINDS = ("delta", "digest")
 ASKED_KINDS = ("snapshot", "mirror", "revisions", "relay")
+ALONE_S, LOOK_S = 1.5, 10.0
+"""After so long without any link it is found out why, and again each so often."""
+MAX_PROBES = 8
 MAX_SEEN = 4096
 """Tokens that are remembered, to say that they vanished when the session is opened anew."""
 
@@ -86,7 +93,9 @@ class ZenohLink:
         self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=config)
         self._config()  # refuses settings that Zenoh doesn't know, here and not when the link is opened
         self._endpoint = ", ".join([*connect, *listen]) or profile
-        self._expects_peers = bool(connect)
+        self._dialled = list(connect)
+        self._network = Network(reached=not connect)
+        self._look_s = self._alone_s = 0.0
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []
         self._shown: Shown | None = None
@@ -165,6 +174,42 @@ class ZenohLink:
         except zenoh.ZError as error:
             log.debug("%s: ask %s %s: %s", self._robot, peer[0], kind, error)
             on_end()
+
+    async def look(self, seen: Collection[str]) -> Network:
+        """What it is connected to now, and why not to more: tried out, each few seconds, while nothing is."""
+        now_s = time.monotonic()
+        if self._closed.is_set() or not self._entering.acquire(blocking=False):
+            return self._network  # somebody is inside; it isn't urgent
+        try:
+            info = None if self._session is None else self._session.info
+            links, routers = ([], []) if info is None else (info.links(), info.routers_zid())
+        finally:
+            self._entering.release()
+        if links or self._shown is None:
+            self._alone_s = now_s
+        reached, found = self._network.reached or bool(links), self._network.problems
+        if links and not routers:
+            found = ()
+        elif now_s >= self._look_s and (links or now_s >= self._alone_s + ALONE_S):
+            self._look_s = now_s + LOOK_S
+            behind = partial(self._behind_router, frozenset(seen))
+            found = await (in_thread(behind) if links else self._why_alone())
+        self._network = Network(reached, found)
+        return self._network
+
+    async def _why_alone(self) -> tuple[Problem, ...]:
+        dialled = self._dialled[:MAX_PROBES]
+        reasons = await asyncio.gather(*(in_thread(partial(why_not, each, self._settings)) for each in dialled))
+        return tuple(unreachable(endpoint, reason) for endpoint, reason in zip(dialled, reasons, strict=True))
+
+    def _behind_router(self, seen: frozenset[str]) -> tuple[Problem, ...]:
+        """Whom a client hears at the endpoints, and this peer doesn't: a router passes nothing on between peers."""
+        found: set[str] = set()
+        for endpoint in self._dialled[:MAX_PROBES]:
+            with Visit(endpoint, self._settings) as visit:
+                found |= visit.robots(self._fleet)
+        unheard = sorted(found - seen - {self._robot})
+        return (behind_router(unheard),) if unheard else ()
 
     async def tokens(self) -> list[Token]:
         """The peers that are there now."""
@@ -251,7 +296,12 @@ class ZenohLink:
 
         def liveliness(sample: zenoh.Sample) -> None:
             token = parse_token(str(sample.key_expr))
-            if token is None or self._is_over():
+            if self._is_over():
+                return
+            if token is None:
+                robot = robot_of_token(str(sample.key_expr))
+                if robot is not None:
+                    receiver.deliver(Foreign(robot, sample.kind == zenoh.SampleKind.PUT))
                 return
             if sample.kind == zenoh.SampleKind.PUT:
                 if len(self._seen) < MAX_SEEN:

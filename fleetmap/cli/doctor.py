@@ -1,0 +1,86 @@
+"""``fleetmap doctor``: finds no peers? says why."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fleetmap.cli.output import AsJson, print_json, progress
+from fleetmap.model.errors import ConfigError
+
+
+def doctor(
+    fleet: Annotated[str, typer.Option(metavar="NAME", help="The fleet to look for.")] = "default",
+    connect: Annotated[
+        list[str] | None, typer.Option(metavar="ENDPOINT", help="Where a robot listens, as tcp/10.0.0.2:7447.")
+    ] = None,
+    listen: Annotated[list[str] | None, typer.Option(metavar="ENDPOINT", help="Where others may connect.")] = None,
+    no_multicast_scouting: Annotated[
+        bool, typer.Option("--no-multicast-scouting", help="Find robots by --connect alone.")
+    ] = False,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="JSON of the robots' config=, as for their certificates.")
+    ] = None,
+    for_s: Annotated[float, typer.Option("--for-s", min=0.0, metavar="S", help="How long to look.")] = 4.0,
+    as_json: AsJson = False,
+) -> None:
+    """Say what keeps robots of a fleet from each other, and what to do about it.
+
+    Run it on the computer of a robot that finds nobody, with the endpoints that the robot is given. It joins nothing:
+    it looks who is there, tries each endpoint if none answers (the name, the port, the certificates), looks behind
+    routers, and asks each robot what it finds wrong itself (`peer.health()`). Ends with 1 if there is a problem.
+
+    For instance:  fleetmap doctor --fleet site-4 --connect tcp/10.0.0.2:7447
+    """
+    import asyncio
+
+    from fleetmap.peer.doctor import examine
+
+    profile = "local" if no_multicast_scouting else "lan"
+    settings = None if config is None else _read(config)
+    with progress(f"looking for robots of fleet {fleet}") as tell:
+        tell(", ".join(connect or ()) or "by multicast")
+        found = asyncio.run(
+            examine(fleet, profile=profile, connect=connect or (), listen=listen or (), config=settings, for_s=for_s)
+        )
+    document = {
+        "fleet": fleet,
+        "links": list(found.links),
+        "robots": [
+            {"robot": seen.robot, "alive": seen.alive, "answers": seen.figures is not None, "endpoint": seen.endpoint}
+            for seen in found.robots
+        ],
+        "other_fleets": list(found.other_fleets),
+        "problems": [{"kind": p.kind, "about": p.robot, "text": p.text} for p in found.problems],
+    }
+    if as_json:
+        print_json(document)
+    else:
+        _print(document)
+    if found.problems:
+        raise typer.Exit(1)
+
+
+def _print(document: dict[str, Any]) -> None:
+    for link in document["links"]:
+        typer.echo(f"linked to {link}")
+    for robot in document["robots"]:
+        state = "answers" if robot["answers"] else "doesn't answer"
+        typer.echo(f"robot {robot['robot']} {state}" + (f", by {robot['endpoint']}" if robot["endpoint"] else ""))
+    for problem in document["problems"]:
+        typer.echo(f"problem: {problem['text']}")
+    if not document["problems"]:
+        typer.echo("no problem found")
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        settings = json.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ConfigError(option="config", value=str(path), reason=f"can't be read as JSON: {error}") from None
+    if not isinstance(settings, dict):
+        raise ConfigError(option="config", value=str(path), reason="expected an object of Zenoh's keys -> values")
+    return settings
