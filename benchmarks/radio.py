@@ -6,6 +6,7 @@ IP bytes by the kernel's counters, acknowledgements included, in network namespa
 - records: one of some 90 bytes each second, and one of the mean size at the mean interval of a simulated robot that
   explores an office of 20 m: bytes of the link both ways by bytes of payload
 - a record: what it takes beside its payload, ten a second
+- no link: two robots that reach a third one and not each other publish by turns: seconds until the other one holds it
 - slow: a robot joins three others, with 200 edges each, by a link of 9.6 kbit/s: seconds until it has joined, until it
   holds all, and until all hold and see the same
 
@@ -19,16 +20,17 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import subprocess
+import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 from namespaces import INSIDE, Air, counted_bytes, in_a_namespace
+from robot_process import RobotProcess, command
 from schedules import squares
 
 import fleetmap
@@ -116,72 +118,66 @@ def office(for_s: float) -> tuple[float, float]:
     return sum(robot["t_s"] for robot in robots) / messages, sum(robot["sent"]["delta"] for robot in robots) / messages
 
 
-def robot_command(name: str, k: int, connect: str, profile: str) -> list[str]:
-    """A process with one robot."""
-    return [sys.executable, __file__, "--robot", name, f"tcp/10.77.0.{k}:7447", connect, profile]
-
-
-async def be_robot(name: str, listen: str, connect: str, profile: str) -> None:
-    """Join, publish, and say what is seen and held whenever that is asked for."""
-    began_s = time.monotonic()
-    places = [connect] if connect != "-" else []
-    join = fleetmap.join(
-        name, fleet="slow", start=Pose2(), listen=[listen], connect=places, profile=profile, baselines=False
-    )
-    async with join as peer:
-        joined_s = time.monotonic() - began_s
-        await peer.publish(squares(range(1000 * int(name[1:]), 1000 * int(name[1:]) + SQUARES)))
-        while await asyncio.get_running_loop().run_in_executor(None, sys.stdin.readline):
-            peers = peer.peers
-            held = sorted([(p.robot, p.seq) for p in peers] + [(name, peer._engine.own.seq)])
-            alive = sum(p.alive for p in peers)
-            print(json.dumps({"joined_s": joined_s, "alive": alive, "held": held}), flush=True)
-
-
 def measure_slow(bits_a_second: int | None) -> dict[str, float | None]:
     """Three robots, and one that comes later over a slow link."""
+    robots: dict[int, RobotProcess] = {}
     with Air() as air:
-        robots: dict[int, subprocess.Popen[str]] = {}
         try:
             for k in (1, 2, 3, 4):
-                air.host(k, bits_a_second=bits_a_second if k == 4 else None)
-                if k == 4:
-                    _until(robots, lambda states: _complete(states, of=3), time.monotonic())
-                connect = "-" if k == 1 else "tcp/10.77.0.1:7447"
+                slow = k == 4
+                air.host(k, bits_a_second=bits_a_second if slow else None)
+                if slow:
+                    until_complete(robots.values(), 3, time.monotonic())
                 began_s = time.monotonic()
-                robots[k] = air.start(k, robot_command(f"r{k}", k, connect, "narrow" if k == 4 else "local"))
-            joined_s = _read(robots[4])["joined_s"]
-            held_s = _until({4: robots[4]}, _complete, began_s)
-            equal_s = _until(robots, _complete, began_s)
-            return {"joined_s": joined_s, "held_s": held_s, "equal_s": equal_s}
+                seeds = [] if k == 1 else ["tcp/10.77.0.1:7447"]
+                place = f"tcp/10.77.0.{k}:7447"
+                robots[k] = RobotProcess(
+                    air.start(k, command(f"r{k}", "slow", "narrow" if slow else "local", place, *seeds))
+                )
+                robots[k].tell("publish", list(range(1000 * k, 1000 * k + SQUARES)))
+            joined_s = robots[4].tell("state")["joined_s"]
+            held_s = until_complete([robots[4]], 4, began_s)
+            return {"joined_s": joined_s, "held_s": held_s, "equal_s": until_complete(robots.values(), 4, began_s)}
         finally:
             for robot in robots.values():
                 robot.kill()
-                robot.wait()
 
 
-def _read(robot: subprocess.Popen[str]) -> dict[str, Any]:
-    assert robot.stdin is not None
-    assert robot.stdout is not None
-    robot.stdin.write("\n")
-    robot.stdin.flush()
-    told: dict[str, Any] = json.loads(robot.stdout.readline())
-    return told
+def measure_no_link(updates: int) -> dict[str, float]:
+    """A and c reach b, and not each other."""
+    robots: dict[str, RobotProcess] = {}
+    with Air() as air:
+        try:
+            for k in (1, 2, 3):
+                air.host(k)
+            air.part(1, 3)
+            for k, name in ((2, "b"), (1, "a"), (3, "c")):
+                place = f"tcp/10.77.0.{k}:7447"
+                seeds = [] if k == 2 else ["tcp/10.77.0.2:7447"]
+                robots[name] = RobotProcess(air.start(k, command(name, "pair", "local", place, *seeds)))
+                robots[name].tell("publish", [1000 * k])
+            until_complete(robots.values(), 3, time.monotonic())
+            delays = []
+            for n in range(updates):
+                author, listener = ("a", "c") if n % 2 else ("c", "a")
+                seq = robots[author].tell("state")["seq"] + 1
+                robots[listener].ask("heard", author, seq, LIMIT_S)
+                said_s = robots[author].tell("publish", [1000 * (1 + 2 * (author == "c")) + 1 + n])
+                delays.append(robots[listener].answer() - said_s)
+                time.sleep(1.0)
+            return {"updates": updates, "median_s": statistics.median(delays), "longest_s": max(delays)}
+        finally:
+            for robot in robots.values():
+                robot.kill()
 
 
-def _complete(states: Sequence[dict[str, Any]], of: int = 4) -> bool:
-    """Whether these see all, and hold the same of all that have published."""
-    first = states[0]["held"]
-    published = len(first) == of and all(seq >= 2 for _, seq in first)
-    return published and all(state["held"] == first and state["alive"] == of - 1 for state in states)
-
-
-def _until(
-    robots: dict[int, subprocess.Popen[str]], done: Callable[[Sequence[dict[str, Any]]], bool], from_s: float
-) -> float | None:
-    """Seconds until the latest states of all are so; None if they don't get there."""
+def until_complete(robots: Collection[RobotProcess], of: int, from_s: float) -> float | None:
+    """Seconds until these see all, and hold the same of all that have published; None if they don't get there."""
     while time.monotonic() < from_s + LIMIT_S:
-        if done([_read(robot) for robot in robots.values()]):
+        states = [robot.tell("state") for robot in robots]
+        held = states[0]["held"]
+        complete = len(held) == of and all(seq >= 2 for _, _, seq, _ in held)
+        if complete and all(state["held"] == held and len(state["alive"]) == of - 1 for state in states):
             return time.monotonic() - from_s
         time.sleep(0.1)
     return None
@@ -191,22 +187,20 @@ def main() -> None:
     """Measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--for-s", type=float, default=60.0)
-    parser.add_argument("--only", choices=("links", "slow"), help="one part")
+    parser.add_argument("--only", choices=("links", "no-link", "slow"), help="one part")
     parser.add_argument("--tiny", action="store_true", help="a few seconds, to see that it runs")
     parser.add_argument("--json", action="store_true")
     parser.add_argument(INSIDE, action="store_true", help=argparse.SUPPRESS)
-    parser.add_argument("--robot", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.robot:
-        asyncio.run(be_robot(*options.robot))
-        return
     if not options.inside:
         compile_ahead(kernel_modules())
         sys.exit(in_a_namespace(__file__))
     found: dict[str, Any] = {}
-    if options.only != "slow":
+    if options.only in (None, "links"):
         found |= measure_links(TINY_S if options.tiny else options.for_s)
-    if options.only != "links":
+    if options.only in (None, "no-link"):
+        found["no link"] = measure_no_link(4 if options.tiny else 24)
+    if options.only in (None, "slow"):
         found["slow"] = measure_slow(None if options.tiny else RATE_BPS)
     print(json.dumps(found, indent=None if options.json else 1))
 
