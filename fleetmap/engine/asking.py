@@ -182,10 +182,10 @@ class Asking:
         return bool(self._holders(key, waiting=waiting))
 
     def claims(self, key: Key) -> dict[Key, Revision]:
-        """Who says that it holds how much of a stream."""
+        """Who says that it holds how much of a stream. Any thread may ask."""
         replica = self._holdings.replicas.get(key)
         claims: dict[Key, Revision] = {}
-        for n in self._neighbours.by_key.values():
+        for n in list(self._neighbours.by_key.values()):
             revision = n.rows.get(key) or (replica.as_of(n.agreed) if replica is not None else None)
             if revision is not None and revision.seq:
                 claims[n.key] = revision

@@ -318,12 +318,17 @@ class Engine:
         return [s for s in self.holdings.streams() if s.key not in left_out]
 
     def disputed(self) -> dict[str, str]:
-        """Robots whose maps the others don't agree about, and who says what; those that are left out don't count."""
+        """Robots whose maps the others don't agree about, and who says what; those that are left out don't count.
+
+        Any thread may ask.
+        """
         left_out = self.left_out()
         told: dict[str, str] = {}
-        for replica in self.holdings.replicas.values():
+        otherwise = {key for n in list(self.neighbours.by_key.values()) for key in list(n.rows)}
+        for replica in list(self.holdings.replicas.values()):
             stream = replica.stream
-            if not replica.kept or stream.seq == 0 or stream.key in left_out:
+            doubtful = replica.forked or replica.outvoted or stream.key in otherwise
+            if not doubtful or not replica.kept or stream.seq == 0 or stream.key in left_out:
                 continue
             life = f"{stream.robot} life {stream.life:016x} seq {stream.seq}"
             if replica.forked:

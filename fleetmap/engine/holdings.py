@@ -41,7 +41,7 @@ class Holdings:
     ----------
     hidden : streams that the user has this peer forget, as they were then
     undecided : robots of whose lives one may have to go, once all of it has come, or it has had time to speak
-    changes : how many there were of any replica; a neighbour that agrees does so as of one of them
+    changes : how many there were of what is kept; a neighbour that agrees does so as of one of them
     now_s : set by whoever has a clock
     """
 
@@ -67,7 +67,7 @@ class Holdings:
     _summed: dict[Key, int] = field(default_factory=dict)
     _sum: int = 0
     """Of the replicas' hashes; ``_summed`` are those by key."""
-    _forgets: tuple[int, bool] | None = None
+    _forgets: tuple[tuple[int, int], bool] | None = None
     _indexed: tuple[int, Index] | None = None
     """The last index, and the hash over what is in it."""
 
@@ -151,11 +151,12 @@ class Holdings:
         return here | {key for key in there if key not in doubted or self._is_over(doubted[key])}
 
     def _forgetting(self) -> bool:
-        """Whether any stream has others forgotten; looked for anew when something else is held."""
-        held = self.held_hash()
-        if self._forgets is None or self._forgets[0] != held:
-            self._forgets = held, any(s.forgets for s in self.streams())
-        return self._forgets[1]
+        """Whether any stream has others forgotten; looked for anew when something changed. Any thread may call it."""
+        now = self.changes, self.own.seq
+        known = self._forgets
+        if known is None or known[0] != now:
+            known = self._forgets = now, any(s.forgets for s in self.streams())
+        return known[1]
 
     def _since(self, doubts: dict[Key, tuple[State, float]], stream: Stream) -> tuple[State, float]:
         known = doubts.get(stream.key)
@@ -183,6 +184,7 @@ class Holdings:
         for replica in replicas:
             was, replica.kept = replica.kept, replica.stream.life in kept
             self._touched.add(replica.key)
+            self.changes += was != replica.kept
             if not replica.kept and lives(replica.stream.life):
                 self._ended[replica.key] = self._since(ended, replica.stream)
             spared = replica.key in self._ended and not self._is_over(self._ended[replica.key])
@@ -225,6 +227,7 @@ class Holdings:
     def drop(self, key: Key, *, crowded: bool = False) -> Stream:
         """Hold a replica no longer, for good or for want of room; returns it as it was."""
         stream = self.replicas.pop(key).stream
+        self.changes += 1
         self._touched.add(key)
         dropped = self._crowded if crowded else self._dropped
         dropped[key] = stream.revision

@@ -104,7 +104,7 @@ class Replica:
 
     def as_of(self, changes: int) -> Revision | None:
         """The revision that was held after so many changes; None if that was long ago, or nothing."""
-        return next((revision for change, revision in reversed(self.been) if change <= changes), None)
+        return next((revision for change, revision in reversed(list(self.been)) if change <= changes), None)
 
     def take_steps(self) -> list[Step]:
         """The steps since the last call."""
