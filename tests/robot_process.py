@@ -28,9 +28,9 @@ class Obedient:
         self.peer, self.joined_s = peer, joined_s
         self.numbers: set[int] = set()
 
-    async def publish(self, numbers: list[int]) -> float:
-        """Say so many squares more; returns when, by the machine's clock."""
-        self.numbers |= set(numbers)
+    async def publish(self, numbers: list[int], keep: int | None = None) -> float:
+        """Say so many squares more, of which only the last ones stay; returns when, by the machine's clock."""
+        self.numbers = set(sorted(self.numbers | set(numbers))[-(keep or len(self.numbers) + len(numbers)) :])
         await self.peer.publish(squares(self.numbers))
         return time.monotonic()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 
 import numpy as np
@@ -14,6 +15,7 @@ from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
+from fleetmap.peer.peer import HEALTH_S
 from fleetmap.vectorize import vectorize
 
 
@@ -115,6 +117,10 @@ async def test_who_is_left_out_of_the_merged_map_is_logged_once(caplog: pytest.L
             for peer in peers:
                 await peer.synced(20.0, at_least=2)
     assert {frame for frame, _ in a.merged.left_out} == {("far", far.life, "0"), ("far", far.life, "1")}
+    async with asyncio.timeout(20.0):
+        while len(caplog.records) < len(peers):  # noqa: ASYNC110 - the log is for looking
+            await asyncio.sleep(0.1)
+    await asyncio.sleep(2 * HEALTH_S)
     lines = sorted(record.getMessage() for record in caplog.records)
     assert [line.partition(" (life")[0] for line in lines] == [
         "a: left out of the merged map: the map of far, submap 0",

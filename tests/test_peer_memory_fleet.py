@@ -211,7 +211,7 @@ def test_of_two_living_peers_of_one_name_neither_gives_way_and_both_say_so() -> 
     assert problems(b.engine, (), ()) == ()
     second.kill()
     fleet.run(0.2)
-    assert problems(first.engine) == ()
+    assert problems(first.engine, (), ()) == ()
 
 
 def test_a_namesake_that_lives_is_never_superseded() -> None:
