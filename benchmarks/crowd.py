@@ -35,7 +35,7 @@ import fleetmap
 from fleetmap.model.kernel_cache import kernel_modules
 from fleetmap.model.kernel_compiler import compile_ahead
 from fleetmap.model.pose import Pose2
-from fleetmap.peer.rendezvous import free_port
+from fleetmap.peer.ports import free_port
 
 SQUARES = 50
 ASKING = ("want", "list", "repair", "snapshot")

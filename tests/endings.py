@@ -20,8 +20,8 @@ from pathlib import Path
 
 import zenoh
 
+from fleetmap.peer.ports import free_port
 from fleetmap.peer.profiles import zenoh_settings
-from fleetmap.peer.rendezvous import free_port
 from fleetmap.peer.settings import as_json5
 
 PROGRAM = Path(__file__).parent / "ending_program.py"

@@ -16,7 +16,7 @@ from conftest import two_rooms
 
 import fleetmap
 from fleetmap.model.pose import Pose2
-from fleetmap.peer.rendezvous import free_port
+from fleetmap.peer.ports import free_port
 
 PLACE = {"fleet": "sick", "profile": "local", "start": Pose2()}
 

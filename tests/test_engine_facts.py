@@ -90,11 +90,12 @@ def test_every_kind_comes_back() -> None:
         known.name_lives(facts, [7, 2**64 - 1]),
         known.supersede({7: (3, 2**63)}),
         known.forget({("q", 9): (2**18, 1), ("r-1", 9): (1, 2)}),
+        known.set_addresses(["tcp/10.0.0.2:7447", "tls/[fe80::1%eth0]:1"]),
     ]
     for step in steps:
         facts = facts.after(step)
     check_facts(facts)
-    assert {key[0] for key in facts} == known.CHECKS.keys() == {1, 2, 3, 4, 5, 6}
+    assert {key[0] for key in facts} == known.CHECKS.keys() == {1, 2, 3, 4, 5, 6, 7}
     assert known.level_of(facts) == "2.upper"
     assert known.start_of(facts) == known.anchor_of(facts, "s") == TURNED
     assert known.named_lives(facts) == {7, 2**64 - 1}
@@ -240,3 +241,19 @@ def test_who_has_no_room_for_another_fact_still_listens() -> None:
     deliver(former, me)
     assert held(me, former).revision == former.own.revision
     assert me.own.names == frozenset()
+
+
+def test_where_others_listen_is_known_and_bounded() -> None:
+    me, others = engine("me"), [engine(f"r{i:02}") for i in range(20)]
+    for i, other in enumerate(others):
+        assert other.set_addresses([f"tcp/10.0.{i}.{k}:7447" for k in range(9)])
+        assert not other.set_addresses([f"tcp/10.0.{i}.{k}:7447" for k in range(4)])
+        deliver(other, me)
+    assert me.addresses()[:5] == [*(f"tcp/10.0.0.{k}:7447" for k in range(4)), "tcp/10.0.1.0:7447"]
+    assert len(me.addresses()) == 32
+    others[0].set_addresses(["no address", "udp/10.0.0.1:1"])
+    deliver(others[0], me)
+    assert me.addresses()[0] == "tcp/10.0.1.0:7447"
+    for wrong in (b"", b"tcp/10.0.0.1", b" ".join([b"tcp/a:1"] * 5), b"tcp/a b:1", b"\xff"):
+        with pytest.raises(ValueError):  # noqa: PT011 - by the bytes or by the rule
+            check_facts({b"\x07": wrong})

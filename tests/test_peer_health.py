@@ -18,7 +18,7 @@ import fleetmap
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
-from fleetmap.peer.rendezvous import free_port
+from fleetmap.peer.ports import free_port
 
 WITHIN_S = 5.0
 PLACE = {"fleet": "sick", "profile": "local", "start": Pose2()}

@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ from exchange import room
 import fleetmap
 from fleetmap.model.pose import Pose2
 from fleetmap.peer import Peer
-from fleetmap.peer.zenoh_link import living_keys
+from fleetmap.peer.keys import living_keys
+from fleetmap.peer.ports import free_port
 
 TIMEOUT_S = 20.0 * float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
 
@@ -187,9 +189,9 @@ async def test_a_link_that_is_opened_anew_finds_the_fleet_again(endpoint: str) -
         await a.synced(TIMEOUT_S, at_least=1)
         await b._link.reopen()
         await b.publish(room(61))
-        await until(a, lambda: a.peers[0].alive and a.peers[0].seq == 3)
+        await until(a, lambda: a.peers[0].alive and a.peers[0].seq == b._engine.own.seq)
         await a.publish(room(20))
-        await until(b, lambda: bool(b.peers) and b.peers[0].alive and b.peers[0].seq == 2)
+        await until(b, lambda: bool(b.peers) and b.peers[0].alive and b.peers[0].seq == a._engine.own.seq)
         assert (await a.synced(TIMEOUT_S, at_least=1)).digest == (await b.synced(TIMEOUT_S, at_least=1)).digest
 
 
@@ -248,3 +250,17 @@ def test_a_look_at_a_thousand_tokens_ends(endpoint: str) -> None:
         looking.start()
         looking.join(TIMEOUT_S)
         assert set(found) == who_looks.alive
+
+
+async def test_who_has_lost_all_links_dials_those_that_it_has_heard_of(timeout_factor):
+    seed, other = (f"tcp/127.0.0.1:{free_port('127.0.0.1')}" for _ in range(2))
+    join = partial(fleetmap.join, fleet="dead-seed", profile="local", start=Pose2())
+    async with join("e", connect=[seed]) as e:
+        async with join("a", listen=[seed]), join("b", listen=[other], connect=[seed]):
+            await e.synced(20.0 * timeout_factor, at_least=2)
+            async with asyncio.timeout(20.0 * timeout_factor):
+                while other not in e._engine.addresses():  # noqa: ASYNC110 - b says it a moment later
+                    await asyncio.sleep(0.1)
+        # Both are gone, and only b comes back, which dials nobody.
+        async with join("b", listen=[other]):
+            await e.synced(30.0 * timeout_factor, at_least=1)

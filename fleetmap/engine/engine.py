@@ -20,7 +20,17 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
-from fleetmap.codecs.facts import FactsStep, forget, name_lives, set_anchor, set_level, set_start, supersede
+from fleetmap.codecs.facts import (
+    FactsStep,
+    addresses_of,
+    forget,
+    name_lives,
+    set_addresses,
+    set_anchor,
+    set_level,
+    set_start,
+    supersede,
+)
 from fleetmap.codecs.messages import (
     MAX_EPSILON_CELLS,
     MAX_LIFE,
@@ -62,6 +72,7 @@ from fleetmap.model.errors import ConfigError, WireError, reason_without_numbers
 from fleetmap.model.pose import FixedPose, wrap
 from fleetmap.model.vectormap import VectorMap
 
+MAX_ADDRESSES = 32
 MAX_OTHERS = 64
 """Robots of other versions that are remembered."""
 LARGEST_LIVES = 5
@@ -168,6 +179,15 @@ class Engine:
         if size_bytes:
             self._voice.sent(size_bytes, now_s)
         return size_bytes > 0
+
+    def set_addresses(self, addresses: Sequence[str]) -> bool:
+        """Say where this robot listens."""
+        return self._commit(facts=set_addresses(addresses)) > 0
+
+    def addresses(self) -> list[str]:
+        """Where others have said that they listen, some of them."""
+        said = [address for s in self.holdings.streams() if s.key != self.own.key for address in addresses_of(s.facts)]
+        return sorted(set(said))[:MAX_ADDRESSES]
 
     def set_start(self, start: FixedPose | None) -> bool:
         """Say where the own map frame lies in the fleet's.

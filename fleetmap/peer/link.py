@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,10 +21,12 @@ class Network:
     ----------
     reached : somebody was, since it was opened; or nobody was to be dialled
     problems : what is wrong
+    addresses : where others reach it; empty while that isn't known
     """
 
     reached: bool = True
     problems: tuple[Problem, ...] = ()
+    addresses: tuple[str, ...] = ()
 
 
 class Receiver(Protocol):
@@ -65,16 +67,13 @@ class Link(Protocol):
         """The peers that are there now."""
         ...
 
-    async def reopen(self) -> None:
-        """Connect anew, with the token shown last; each peer's token is seen to vanish, and to appear if it lives."""
-        ...
-
-    async def look(self, seen: Collection[str]) -> Network:
-        """What it is connected to now, and why not to more.
+    async def look(self, seen: Collection[str], heard: Sequence[str]) -> Network:
+        """What it is connected to now, and why not to more. To be called each second or so.
 
         Parameters
         ----------
         seen : names of robots that are there, or heard by way of others
+        heard : where others have said that they listen; dialled, too, where nobody else is reached
         """
         ...
 

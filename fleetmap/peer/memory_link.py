@@ -269,7 +269,7 @@ class MemoryLink:
         """The peers that are there now."""
         return [other.token for other in self._hub.others(self) if other.token is not None]
 
-    async def look(self, seen: Collection[str]) -> Network:
+    async def look(self, seen: Collection[str], heard: Sequence[str]) -> Network:
         """Nothing is ever wrong with it."""
         return Network()
 

@@ -598,7 +598,10 @@ class Peer:
         told: set[tuple[str, str]] = set()
         while True:
             await asyncio.sleep(HEALTH_S)
-            self._network = await self._link.look(self._engine.living())
+            heard = await self._read(self._engine.addresses)
+            before, self._network = self._network, await self._link.look(self._engine.living(), heard)
+            if self._network.addresses != before.addresses:
+                await self._run(self._engine.set_addresses, self._network.addresses)
             found = {(problem.kind, problem.robot): problem.text for problem in self.health()}
             for key, text in found.items():
                 if key not in told:

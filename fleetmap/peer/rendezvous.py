@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import errno
-import socket
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.peer.endings import enter_zenoh
+from fleetmap.peer.ports import free_port, is_free
 from fleetmap.peer.profiles import zenoh_settings
 from fleetmap.peer.settings import as_json5
 
@@ -90,35 +89,3 @@ def parse_endpoint(endpoint: str) -> tuple[str, int]:
     if protocol != "tcp" or not host or not (port.isascii() and port.isdigit()) or int(port) > 65535:
         raise ConfigError(option="listen", value=endpoint, reason="expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
     return host, int(port)
-
-
-def is_free(host: str, port: int) -> bool:
-    """Whether nothing listens there."""
-    with _socket(host) as probe:
-        try:
-            probe.bind((host.strip("[]"), port))
-        except OSError as error:
-            return error.errno != errno.EADDRINUSE
-        return True
-
-
-def free_port(host: str) -> int:
-    """Any port of that host on which nothing listens.
-
-    Raises
-    ------
-    LinkError : there is none, or this machine has no such host
-    """
-    with _socket(host) as probe:
-        try:
-            probe.bind((host.strip("[]"), 0))
-        except OSError as error:
-            raise LinkError(endpoint=f"tcp/{host}:0", reason=str(error)) from None
-        return int(probe.getsockname()[1])
-
-
-def _socket(host: str) -> socket.socket:
-    probe = socket.socket(socket.AF_INET6 if host.startswith("[") else socket.AF_INET)
-    # A port whose last connections are still in TIME_WAIT is free to listen on.
-    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    return probe

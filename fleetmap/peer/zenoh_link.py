@@ -12,7 +12,6 @@ import functools
 import logging
 import re
 import threading
-import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -24,10 +23,11 @@ from fleetmap.engine import RELAY_S, Alive, Foreign, Gone, Message, Query
 from fleetmap.model.errors import ConfigError, LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
-from fleetmap.peer.health import Problem, behind_router, unreachable
 from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token, robot_of_token
 from fleetmap.peer.link import Network, Receiver, Token
-from fleetmap.peer.probe import Visit, why_not
+from fleetmap.peer.outlook import Outlook
+from fleetmap.peer.ports import free_port
+from fleetmap.peer.probe import split
 from fleetmap.peer.profiles import zenoh_settings
 from fleetmap.peer.settings import as_json5
 
@@ -41,9 +41,8 @@ DISCOVERY_TIMEOUT_S = 1.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.2, 10.0
 SAID_KINDS = ("delta", "digest")
 ASKED_KINDS = ("snapshot", "mirror", "revisions", "relay")
-ALONE_S, LOOK_S = 1.5, 10.0
-"""After so long without any link it is found out why, and again each so often."""
-MAX_PROBES = 8
+TRIES = 3
+"""To find a port that is free, and still is when Zenoh takes it."""
 MAX_SEEN = 4096
 """Tokens that are remembered, to say that they vanished when the session is opened anew."""
 
@@ -91,11 +90,10 @@ class ZenohLink:
     ) -> None:
         self._robot, self._fleet = robot, f"fleetmap/{fleet}"
         self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=config)
+        self._dialled, self._heard, self._listening = list(connect), list[str](), list[str]()
         self._config()  # refuses settings that Zenoh doesn't know, here and not when the link is opened
         self._endpoint = ", ".join([*connect, *listen]) or profile
-        self._dialled = list(connect)
-        self._network = Network(reached=not connect)
-        self._look_s = self._alone_s = 0.0
+        self._outlook = Outlook(robot, self._fleet, self._settings, connect)
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []
         self._shown: Shown | None = None
@@ -175,51 +173,37 @@ class ZenohLink:
             log.debug("%s: ask %s %s: %s", self._robot, peer[0], kind, error)
             on_end()
 
-    async def look(self, seen: Collection[str]) -> Network:
-        """What it is connected to now, and why not to more: tried out, each few seconds, while nothing is."""
-        now_s = time.monotonic()
-        if self._closed.is_set() or not self._entering.acquire(blocking=False):
-            return self._network  # somebody is inside; it isn't urgent
+    async def look(self, seen: Collection[str], heard: Sequence[str]) -> Network:
+        """What it is connected to now, and why not to more.
+
+        Without any link for a while, a session is opened anew that dials who was heard of, too: Zenoh has no way to
+        dial from a running one.
+        """
+        if self._closed.is_set() or self._shown is None or not self._entering.acquire(blocking=False):
+            return self._outlook.network  # somebody is inside; it isn't urgent
         try:
             info = None if self._session is None else self._session.info
             links, routers = ([], []) if info is None else (info.links(), info.routers_zid())
         finally:
             self._entering.release()
-        if links or self._shown is None:
-            self._alone_s = now_s
-        reached, found = self._network.reached or bool(links), self._network.problems
-        if links and not routers:
-            found = ()
-        elif now_s >= self._look_s and (links or now_s >= self._alone_s + ALONE_S):
-            self._look_s = now_s + LOOK_S
-            behind = partial(self._behind_router, frozenset(seen))
-            found = await (in_thread(behind) if links else self._why_alone())
-        self._network = Network(reached, found)
-        return self._network
+        sources = [link.src for link in links]
+        await self._outlook.look(sources, routers=bool(routers), listening=self._listening, seen=seen)
+        further = self._outlook.dial_too(heard)
+        if further:
+            log.info("%s: nobody at %s: dialling %s, too", self._robot, self._endpoint, ", ".join(further))
+            await self.reopen(further)
+        return self._outlook.network
 
-    async def _why_alone(self) -> tuple[Problem, ...]:
-        dialled = self._dialled[:MAX_PROBES]
-        reasons = await asyncio.gather(*(in_thread(partial(why_not, each, self._settings)) for each in dialled))
-        return tuple(unreachable(endpoint, reason) for endpoint, reason in zip(dialled, reasons, strict=True))
-
-    def _behind_router(self, seen: frozenset[str]) -> tuple[Problem, ...]:
-        """Whom a client hears at the endpoints, and this peer doesn't: a router passes nothing on between peers."""
-        found: set[str] = set()
-        for endpoint in self._dialled[:MAX_PROBES]:
-            with Visit(endpoint, self._settings) as visit:
-                found |= visit.robots(self._fleet)
-        unheard = sorted(found - seen - {self._robot})
-        return (behind_router(unheard),) if unheard else ()
+    async def reopen(self, further: Sequence[str] = ()) -> None:
+        """Close the session and open another one, which dials these, too."""
+        self._heard = list(further)
+        if self._receiver is not None and not self._closed.is_set():
+            await in_thread(partial(self._reopen, self._receiver))
 
     async def tokens(self) -> list[Token]:
         """The peers that are there now."""
         session = self._session
         return [] if session is None else await in_thread(partial(self._living, session))
-
-    async def reopen(self) -> None:
-        """Close the session and open another one: Zenoh has no way to connect a running one."""
-        if self._receiver is not None and not self._closed.is_set():
-            await in_thread(partial(self._reopen, self._receiver))
 
     async def close(self) -> None:
         """Close the session."""
@@ -281,7 +265,7 @@ class ZenohLink:
         closed = LinkError(endpoint=self._endpoint, reason="closed while it was opened")
         if self._closed.is_set():
             raise closed
-        session = self._session = zenoh.open(self._config())
+        session = self._session = self._new_session()
         if self._closed.is_set():
             # Whoever waited for this gave up meanwhile, and ``close`` found no session yet.
             self._drop_session()
@@ -358,9 +342,28 @@ class ZenohLink:
     def _key(self, robot: str, kind: str, life: int) -> str:
         return f"{self._fleet}/{robot}/{kind}/{life:016x}"
 
+    def _new_session(self) -> zenoh.Session:
+        """Open one that listens at ports which are known, so that others can be told of them."""
+        listen = self._settings["listen/endpoints"]
+        endpoints = [each for each in listen if isinstance(each, str)] if isinstance(listen, list) else []
+        free = any(split(each)[2] == 0 for each in endpoints)
+        for left in reversed(range(TRIES if free else 1)):
+            self._listening = [_at_free_port(each) for each in endpoints]
+            try:
+                return zenoh.open(self._config())
+            except zenoh.ZError:
+                if not left:
+                    raise
+        raise AssertionError("unreachable")
+
     def _config(self) -> zenoh.Config:
         config = zenoh.Config()
-        for key, value in self._settings.items():
+        settings = dict(self._settings)
+        if self._listening:
+            settings["listen/endpoints"] = self._listening
+        if self._heard:
+            settings["connect/endpoints"] = [*self._dialled, *self._heard]
+        for key, value in settings.items():
             try:
                 config.insert_json5(key, as_json5(value))
             except zenoh.ZError as error:
@@ -411,3 +414,12 @@ class Publisher(Declared, Protocol):
 
     def put(self, payload: bytes) -> None:
         """Publish."""
+
+
+def _at_free_port(endpoint: str) -> str:
+    """An endpoint with a port that is free now instead of port 0."""
+    protocol, host, port = split(endpoint)
+    if port:
+        return endpoint
+    shown = f"[{host}]" if ":" in host else host
+    return f"{protocol}/{shown}:{free_port(shown)}"

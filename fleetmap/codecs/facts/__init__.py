@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping
 
-from fleetmap.codecs.facts import anchor, forgotten, level, lives, start, superseded
+from fleetmap.codecs.facts import addresses, anchor, forgotten, level, lives, start, superseded
+from fleetmap.codecs.facts.addresses import addresses_of, set_addresses
 from fleetmap.codecs.facts.anchor import anchor_of, set_anchor
 from fleetmap.codecs.facts.facts import Facts, FactsStep, check_bounds
 from fleetmap.codecs.facts.forgotten import forget, forgotten_streams
@@ -13,7 +14,7 @@ from fleetmap.codecs.facts.state import State
 from fleetmap.codecs.facts.superseded import supersede, superseded_lives
 
 CHECKS: dict[int, Callable[[bytes, bytes], None]] = {
-    kind.KIND: kind.check for kind in (level, start, anchor, lives, superseded, forgotten)
+    kind.KIND: kind.check for kind in (level, start, anchor, lives, superseded, forgotten, addresses)
 }
 
 
@@ -30,6 +31,7 @@ __all__ = [
     "Facts",
     "FactsStep",
     "State",
+    "addresses_of",
     "anchor_of",
     "check_facts",
     "forget",
@@ -37,6 +39,7 @@ __all__ = [
     "level_of",
     "name_lives",
     "named_lives",
+    "set_addresses",
     "set_anchor",
     "set_level",
     "set_start",

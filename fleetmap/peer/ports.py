@@ -1,0 +1,40 @@
+"""TCP ports of this machine: which are free."""
+
+from __future__ import annotations
+
+import errno
+import socket
+
+from fleetmap.model.errors import LinkError
+
+
+def is_free(host: str, port: int) -> bool:
+    """Whether nothing listens there."""
+    with _socket(host) as probe:
+        try:
+            probe.bind((host.strip("[]"), port))
+        except OSError as error:
+            return error.errno != errno.EADDRINUSE
+        return True
+
+
+def free_port(host: str) -> int:
+    """Any port of that host on which nothing listens.
+
+    Raises
+    ------
+    LinkError : there is none, or this machine has no such host
+    """
+    with _socket(host) as probe:
+        try:
+            probe.bind((host.strip("[]"), 0))
+        except OSError as error:
+            raise LinkError(endpoint=f"tcp/{host}:0", reason=str(error)) from None
+        return int(probe.getsockname()[1])
+
+
+def _socket(host: str) -> socket.socket:
+    probe = socket.socket(socket.AF_INET6 if host.startswith("[") else socket.AF_INET)
+    # A port whose last connections are still in TIME_WAIT is free to listen on.
+    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    return probe
