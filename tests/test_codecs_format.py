@@ -179,7 +179,8 @@ def test_the_page_and_the_library_hash_the_same_over_all_that_is_held(rows: list
     author = Author("me", Chain(SEED, revisions=4))
     holdings = Holdings(author)
     for robot, life, seq, _ in rows:
-        replica = holdings.replicas[robot, life] = holdings.to_change((robot, life))
+        replica = holdings.to_change((robot, life))
+        holdings.hold(replica)
         replica.stream = Stream(robot, life, seq + 1, Facts({b"x": b""}), {}, 1)
     held = [(s.robot, s.life, s.seq, s.digest) for s in holdings.streams()]
     assert len(held) == len(rows) + 1

@@ -20,7 +20,7 @@ def hold(holdings: Holdings, robot: str, run: int, *, facts: Facts | None = None
     its_chain = chain(robot, run, revisions=8)
     stream = Stream(robot, its_chain.life, 1, facts or Facts(), {"0": rooms(edges // 4)}, its_chain.link(1))
     replica = holdings.to_change(stream.key)
-    holdings.replicas[stream.key] = replica
+    holdings.hold(replica)
     replica.stream = stream
     return stream
 

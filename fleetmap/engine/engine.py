@@ -442,7 +442,7 @@ class Engine:
                     self._asking.announced(key, message.seq, now_s)
             raise
         if key not in self.holdings.replicas and (replica.stream.seq > 0 or not isinstance(message, Record)):
-            self.holdings.replicas[key] = replica
+            self.holdings.hold(replica)
             self._dropped(self.holdings.find_room(self.neighbours.present, newcomer=key))
         for step in replica.take_steps():
             self._moved(step)

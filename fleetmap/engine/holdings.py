@@ -26,6 +26,7 @@ SPARED_S = 5.0
 revision within a second, and what was said of the former one is void: to forget each of them achieves nothing."""
 
 _MASK = (1 << 64) - 1
+_Share = tuple[int, int, int]
 
 
 @dataclass(slots=True)
@@ -60,13 +61,12 @@ class Holdings:
     """Not asked for again as they were: whoever still offers them has not heard yet why they go."""
     _crowded: OrderedDict[Key, Revision] = field(default_factory=OrderedDict)
     """Dropped for want of room."""
-    _edges: int = 0
-    """Of all replicas, when room was needed last."""
+    _by_robot: dict[str, set[Key]] = field(default_factory=dict)
     _touched: set[Key] = field(default_factory=set)
-    """Replicas that may have changed since ``_sum`` was right."""
-    _summed: dict[Key, int] = field(default_factory=dict)
-    _sum: int = 0
-    """Of the replicas' hashes; ``_summed`` are those by key."""
+    """Replicas that may have changed since the sums were right."""
+    _summed: dict[Key, _Share] = field(default_factory=dict)
+    _sum: _Share = (0, 0, 0)
+    """What ``_summed`` has by key: hashes over what is kept, edges, and bytes that wait."""
     _forgets: tuple[tuple[int, int], bool] | None = None
     _indexed: tuple[int, Index] | None = None
     """The last index, and the hash over what is in it."""
@@ -86,15 +86,18 @@ class Holdings:
 
         In time proportional to what was touched since the last call: each heartbeat that comes asks for it.
         """
+        return (self._sums()[0] + revision_hash(self.own.robot, self.own.revision)) & _MASK
+
+    def _sums(self) -> _Share:
+        """Of all replicas: hashes over what is kept, edges, and bytes that wait; brought up to date by what changed."""
         for key in self._touched:
-            replica = self.replicas.get(key)
-            counts = replica is not None and replica.kept and replica.stream.seq > 0
-            now = revision_hash(key[0], replica.stream.revision) if replica is not None and counts else 0
-            self._sum += now - self._summed.pop(key, 0)
-            if now:
+            replica, was = self.replicas.get(key), self._summed.pop(key, (0, 0, 0))
+            now = (0, 0, 0) if replica is None else _share(replica)
+            self._sum = (self._sum[0] + now[0] - was[0], self._sum[1] + now[1] - was[1], self._sum[2] + now[2] - was[2])
+            if any(now):
                 self._summed[key] = now
         self._touched.clear()
-        return (self._sum + revision_hash(self.own.robot, self.own.revision)) & _MASK
+        return self._sum
 
     def index(self) -> Index:
         """All streams that are kept, by place."""
@@ -115,6 +118,12 @@ class Holdings:
         self._touched.add(key)
         return self.replicas.get(key) or Replica(Stream(*key))
 
+    def hold(self, replica: Replica) -> None:
+        """Have a replica from now on."""
+        self.replicas[replica.key] = replica
+        self._by_robot.setdefault(replica.key[0], set()).add(replica.key)
+        self._touched.add(replica.key)
+
     def held(self, key: Key) -> Stream:
         """A replica's stream; with seq 0 if there is none."""
         replica = self.replicas.get(key)
@@ -127,7 +136,7 @@ class Holdings:
 
     def was_dropped(self, key: Key, revision: Revision) -> bool:
         """Whether this very revision was dropped, and isn't wanted back: not before there is room, if that was why."""
-        full = len(self.replicas) >= MAX_STREAMS or self._edges >= MAX_EDGES_HELD // 2
+        full = len(self.replicas) >= MAX_STREAMS or self._sums()[1] >= MAX_EDGES_HELD // 2
         dropped = [self._dropped.get(key), self._crowded.get(key) if full else None]
         # A heartbeat says no digest.
         return any(was and was.seq == revision.seq and revision.digest in (0, was.digest) for was in dropped)
@@ -174,7 +183,7 @@ class Holdings:
             on, and is kept for ``SPARED_S``
         behind : whether more of a stream is known to be on its way. What it is worth is not known before
         """
-        replicas = [r for key, r in self.replicas.items() if key[0] == robot and r.stream.seq > 0]
+        replicas = [r for r in self._of(robot) if r.stream.seq > 0]
         own = [self.own] if robot == self.own.robot else []
         kept = kept_lives([*own, *(r.stream for r in replicas)])
         gone = []
@@ -190,6 +199,7 @@ class Holdings:
             spared = replica.key in self._ended and not self._is_over(self._ended[replica.key])
             if not replica.kept and (spared or behind(replica.key)):
                 replica.kept = True
+                self._touched.add(replica.key)  # again: what was asked meanwhile may have looked
                 self.undecided.add(robot)
             elif not replica.kept and not lives(replica.stream.life):
                 gone.append(self.drop(replica.key))
@@ -210,7 +220,7 @@ class Holdings:
         """
         gone: list[Stream] = []
         replicas = self.replicas
-        edges = sum(r.stream.edges for r in replicas.values())
+        edges = self._sums()[1]
         while len(replicas) > MAX_STREAMS or edges > MAX_EDGES_HELD:
             absent = [r.stream for key, r in replicas.items() if not present(key)]
             if absent:
@@ -221,12 +231,14 @@ class Holdings:
                 break
             gone.append(self.drop(least, crowded=True))
             edges -= gone[-1].edges
-        self._edges = edges
         return gone
 
     def drop(self, key: Key, *, crowded: bool = False) -> Stream:
         """Hold a replica no longer, for good or for want of room; returns it as it was."""
         stream = self.replicas.pop(key).stream
+        self._by_robot[key[0]].discard(key)
+        if not self._by_robot[key[0]]:
+            del self._by_robot[key[0]]
         self.changes += 1
         self._touched.add(key)
         dropped = self._crowded if crowded else self._dropped
@@ -239,15 +251,24 @@ class Holdings:
     def bound_waiting(self) -> int:
         """Give up early records and parts of snapshots where they take too much; returns how many streams lost some."""
         lost = 0
-        waiting = {key: size for key, r in self.replicas.items() if (size := r.waiting_bytes)}
-        while sum(waiting.values()) > MAX_WAITING_BYTES:
-            most = max(waiting, key=lambda key: (waiting[key], key))
+        while self._sums()[2] > MAX_WAITING_BYTES:
+            most = max(self._summed, key=lambda key: (self._summed[key][2], key))
             self.replicas[most].forget_waiting()
-            del waiting[most]
+            self._touched.add(most)
             lost += 1
         return lost
 
+    def _of(self, robot: str) -> list[Replica]:
+        """Replicas of all lives of a robot, ascending."""
+        return [self.replicas[key] for key in sorted(self._by_robot.get(robot, ()))]
+
     def names(self, lives: Callable[[int], bool]) -> set[int]:
         """The former lives of the own name that the own stream should name: ``lives`` says which go on beside it."""
-        former = [r.stream for (robot, life), r in self.replicas.items() if robot == self.own.robot and not lives(life)]
+        former = [r.stream for r in self._of(self.own.robot) if not lives(r.key[1])]
         return {life for life in all_named(self.own, [s for s in former if s.seq > 0]) if not lives(life)}
+
+
+def _share(replica: Replica) -> _Share:
+    counts = replica.kept and replica.stream.seq > 0
+    hashed = revision_hash(replica.key[0], replica.stream.revision) if counts else 0
+    return hashed, replica.stream.edges, replica.waiting_bytes
