@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from dataclasses import dataclass, field
 
 from fleetmap.codecs.messages import Range, Revision
@@ -97,6 +97,8 @@ class Neighbours:
 
     by_key: dict[Key, Neighbour] = field(default_factory=dict)
     refused: bool = False
+    _of_name: Counter[str] = field(default_factory=Counter)
+    """How many lives of each name there are."""
     _waiting: OrderedDict[Key, None] = field(default_factory=OrderedDict)
     """Tokens for which there is no room, until they speak."""
 
@@ -122,24 +124,36 @@ class Neighbours:
         if key in self.by_key:
             return True, None
         silent = None
-        of_name = sum(name == key[0] for name, _ in self.by_key)
-        if of_name >= MAX_LIVES or len(self.by_key) >= MAX_NEIGHBOURS:
-            nobody = [n for n in self.by_key.values() if not n.steady and (of_name < MAX_LIVES or n.key[0] == key[0])]
-            if not nobody:
+        crowded = self._of_name[key[0]] >= MAX_LIVES
+        if crowded or len(self.by_key) >= MAX_NEIGHBOURS:
+            nobody = (n for n in self.by_key.values() if not n.steady and (not crowded or n.key[0] == key[0]))
+            # Who has never spoken, the one that has had the longest time for it; else who says records alone.
+            spoken = None
+            for silent in nobody:
+                if not silent.spoke:
+                    break
+                spoken = spoken or silent
+            else:
+                silent = spoken
+            if silent is None:
                 self._wait(key)
                 return False, None
-            # Who has never spoken; of these, whoever was asked most often.
-            silent = max(nobody, key=lambda n: (not n.spoke, n.unanswered))
-            del self.by_key[silent.key]
+            self.remove(silent.key)
             self._wait(silent.key)
         self._waiting.pop(key, None)
         self.by_key[key] = Neighbour(key)
+        self._of_name[key[0]] += 1
         return True, silent
 
     def remove(self, key: Key) -> Neighbour | None:
         """Its token vanished; None if it wasn't in the table."""
         self._waiting.pop(key, None)
-        return self.by_key.pop(key, None)
+        neighbour = self.by_key.pop(key, None)
+        if neighbour is not None:
+            self._of_name[key[0]] -= 1
+            if not self._of_name[key[0]]:
+                del self._of_name[key[0]]
+        return neighbour
 
     def waits(self, key: Key) -> bool:
         """Whether its token was there, and no room for it."""
