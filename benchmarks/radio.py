@@ -24,7 +24,7 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any
 
@@ -195,14 +195,19 @@ def main() -> None:
     if not options.inside:
         compile_ahead(kernel_modules())
         sys.exit(in_a_namespace(__file__))
+    parts: dict[str, Callable[[], dict[str, Any]]] = {
+        "no-link": lambda: measure_no_link(4 if options.tiny else 24),
+        "slow": lambda: measure_slow(None if options.tiny else RATE_BPS),
+        "links": lambda: measure_links(TINY_S if options.tiny else options.for_s),
+    }
     found: dict[str, Any] = {}
-    if options.only in (None, "links"):
-        found |= measure_links(TINY_S if options.tiny else options.for_s)
-    if options.only in (None, "no-link"):
-        found["no link"] = measure_no_link(4 if options.tiny else 24)
-    if options.only in (None, "slow"):
-        found["slow"] = measure_slow(None if options.tiny else RATE_BPS)
-    print(json.dumps(found, indent=None if options.json else 1))
+    for name, measure in parts.items():
+        if options.only in (None, name):
+            found[name] = measure()
+            if not options.json:
+                print(name, json.dumps(found[name], indent=1), flush=True)
+    if options.json:
+        print(json.dumps(found))
 
 
 if __name__ == "__main__":

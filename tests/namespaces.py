@@ -60,7 +60,8 @@ class Air:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for host in self._hosts.values():
+        for k, host in self._hosts.items():
+            _do(f"ip link del air{k}")  # the kernel takes its time over what is in a namespace that ends
             host.kill()
             host.wait()
         _do("ip link del air")
