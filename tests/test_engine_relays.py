@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from exchange import Fleet, Node, held, rooms
+from exchange import Fleet, Node, asks, deliver, engine, held, meet, query, reply, rooms
 
-from fleetmap.engine import RELAY_S, PeersChanged
+from fleetmap.codecs import envelope
+from fleetmap.codecs.messages import Relay
+from fleetmap.engine import RELAY_S, Answer, PeersChanged, Query
+from fleetmap.engine.relays import MAX_BY_ONE, MAX_LISTENERS_EACH, Relaying
+from fleetmap.engine.stream import Key
 from fleetmap.peer.memory_link import arrives
 
 STEP_S = 0.02
@@ -134,3 +138,78 @@ def test_a_few_that_come_and_go_cost_few_questions() -> None:
     fleet.run(30.0)
     for name, node in fleet.nodes.items():
         assert node.engine.ledger.stats().sent["want"].messages <= before[name] + 3
+
+
+class Silent(Relaying):
+    """Takes questions, and says nothing."""
+
+    def hand_on(self, key: Key, payload: bytes, now_s: float) -> int:
+        return 0
+
+
+def test_a_neighbour_that_hands_nothing_on_gives_way_to_another_one() -> None:
+    fleet = Fleet("abcd")
+    fleet.run(1.0)
+    fleet.hub.cut("a", "c")
+    liar = fleet.nodes["b"]
+    # It says that it sees a, and is silent about it.
+    liar.engine._relaying = Silent(liar.engine._outputs)
+    for node in fleet.nodes.values():
+        for neighbour in node.engine.neighbours.by_key.values():
+            neighbour.said = b""
+    fleet.run(60.0)
+    assert seen(fleet.nodes["c"]) == {"a", "b", "d"}
+
+
+def test_who_invents_whom_it_sees_leaves_room_for_others() -> None:
+    fleet = Fleet("abc")
+    fleet.run(1.0)
+    c, b = fleet.nodes["c"].engine, fleet.nodes["b"].engine
+    c.listening.told(b.own.key, [(f"ghost{i}", i) for i in range(200)], fleet.clock.now_s)
+    assert len(c.listening.ways) == MAX_BY_ONE
+
+
+def test_one_life_is_handed_on_to_so_many_and_no_more() -> None:
+    fleet = Fleet("ab")
+    fleet.run(1.0)
+    b, a = fleet.nodes["b"].engine, fleet.nodes["a"].engine.own.key
+    payload = envelope.encode(Relay(*a))
+    for _ in range(MAX_LISTENERS_EACH + 5):
+        b.receive(Query("relay", payload, lambda payloads, last=True: None), now_s=fleet.clock.now_s)
+    ended = [output for output in b.take_outputs() if isinstance(output, Answer) and output.last]
+    assert len(ended) == 5
+    fleet.nodes["a"].publish(rooms(2))
+    fleet.run(0.1)
+    assert b.ledger.stats().sent["relay"].messages == MAX_LISTENERS_EACH
+
+
+def test_a_robot_is_not_told_that_its_former_process_lives() -> None:
+    fleet = Fleet("abc")
+    fleet.run(1.0)
+    fleet.hub.cut("a", "c")  # c does not see the end of a's first life, and hears of it by way of b
+    node = fleet.nodes["a"]
+    b = fleet.nodes["b"].engine
+    again = fleet.add("a", run=2)
+    fleet.hub.cut("a", "c")
+    fleet.run(5.0)
+    assert not {key for key in again.engine.listening.ways if key[0] == "a"}
+    assert b.own.key in again.engine.neighbours
+    del node
+
+
+def test_a_lost_part_of_an_answer_is_asked_for_again() -> None:
+    """A heartbeat came, and the list behind it was lost."""
+    me, other = engine("me"), engine("other")
+    meet(me, other)
+    other.set_pose(1.0, 0.0, 0.0)
+    third = engine("third")
+    deliver(third, other)
+    me.tick(0.0)
+    (ask,) = asks(me, "revisions")
+    beat, *_ = query(other, "revisions", ask.payload)
+    reply(me, ask, beat, now_s=0.1)
+    assert "the list of other" in me.lacking()
+    again = [ask for k in range(20) for ask in (me.tick(0.2 + 0.1 * k), asks(me, "revisions"))[1]]
+    assert again
+    reply(me, again[0], *query(other, "revisions", again[0].payload), now_s=3.0)
+    assert "the list of other" not in me.lacking()

@@ -85,7 +85,7 @@ async def test_somebody_who_is_no_fleetmap(caplog, timeout_factor):
     with socket.create_server(("127.0.0.1", 0)) as server:
         endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         async with fleetmap.join("a", connect=[endpoint], **PLACE) as peer:
-            assert "lets this robot in by no link" in await told(peer, "unreachable", caplog, timeout_factor)
+            assert "but no link comes up" in await told(peer, "unreachable", caplog, timeout_factor)
 
 
 async def test_several_endpoints_of_which_one_is_reached_are_no_problem(endpoint, timeout_factor):

@@ -166,7 +166,9 @@ async def test_a_robot_links_to_nobody_without_a_certificate_of_the_fleet(
 
 
 async def test_a_peer_never_listens_beside_tls(keys: Path, secured: Secured, endpoint: str) -> None:
-    for listen in ([], ["tcp/127.0.0.1:0"], [ANY_PORT, "tcp/127.0.0.1:0"]):
+    async with join("r1", secured("r1", keys=keys), listen=[]) as r1:
+        assert [each.partition("/")[0] for each in r1._link._listening] == ["tls"]
+    for listen in (["tcp/127.0.0.1:0"], [ANY_PORT, "tcp/127.0.0.1:0"]):
         with pytest.raises(fleetmap.LinkError, match="Unsupported protocol: tcp"):
             await join("r1", secured("r1", keys=keys), listen=listen)
 

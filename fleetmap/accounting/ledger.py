@@ -48,7 +48,7 @@ class Stats:
 
     Parameters
     ----------
-    sent : by kind: ``delta``, ``snapshot``, ``repair``, ``digest``, ``want``, ``list``
+    sent : by kind: ``delta``, ``snapshot``, ``repair``, ``digest``, ``want``, ``list``, ``relay``
     received, dropped : by (robot, kind); a drop's kind ends in its reason, as in ``delta/seq``
     grids : by name, e.g. ``grid_gzip_full``: what the updates that were published would have been as grids
     baselines_missing : by name, updates that ``grids`` doesn't hold, as the codec refused the grid

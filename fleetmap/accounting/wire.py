@@ -45,7 +45,7 @@ LONG_PAYLOAD_BYTES = 1
 """Lengths take one byte below 128, and two for what is longer."""
 
 QUERIES = ("want",)
-REPLIES = ("repair", "list")
+REPLIES = ("repair", "list", "relay")
 ALIKE = ("digest",)
 """What a fleet that shares grids would say just as well: heartbeats, with poses and goals. They count on both sides."""
 

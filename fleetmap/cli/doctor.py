@@ -30,8 +30,8 @@ def doctor(
     """Say what keeps robots of a fleet from each other, and what to do about it.
 
     Run it on the computer of a robot that finds nobody, with the endpoints that the robot is given. It joins nothing:
-    it looks who is there, tries each endpoint if none answers (the name, the port, the certificates), looks behind
-    routers, and asks each robot what it finds wrong itself (`peer.health()`). Ends with 1 if there is a problem.
+    it looks who is there, tries each endpoint that it isn't linked to (the name, the port, the certificates), looks
+    behind routers, and asks each robot what it finds wrong itself (`peer.health()`). Ends with 1 if there is a problem.
 
     For instance:  fleetmap doctor --fleet site-4 --connect tcp/10.0.0.2:7447
     """

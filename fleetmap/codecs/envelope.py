@@ -23,6 +23,8 @@ from fleetmap.codecs.messages import (
     MAX_MM,
     MAX_PROBLEM_BYTES,
     MAX_PROBLEMS,
+    MAX_RANGE_ROWS,
+    MAX_RANGES,
     MAX_ROWS,
     MAX_SEQ,
     MAX_TALLIES,
@@ -246,7 +248,9 @@ def _ranges_out(ranges: Iterable[Range]) -> list[list[object]]:
 
 def _read_ranges(fields: object) -> tuple[Range, ...]:
     ranges: list[Range] = []
-    next_first = 0
+    next_first = listed_rows = 0
+    if len(_rows(fields)) > MAX_RANGES:
+        raise ValueError(f"expected at most {MAX_RANGES} ranges")
     for row in _rows(fields):
         a = _rows(row)
         what, first, last = a if len(a) == 3 else (_array(a, 2)[0], next_first, a[1])
@@ -254,6 +258,9 @@ def _read_ranges(fields: object) -> tuple[Range, ...]:
         lower = _integer(first, next_first, MAX_LIFE)
         upper = _integer(last, lower, MAX_LIFE)
         listed = isinstance(what, tuple)
+        listed_rows += len(what) if isinstance(what, tuple) else 0
+        if listed_rows > MAX_RANGE_ROWS:
+            raise ValueError(f"expected at most {MAX_RANGE_ROWS} rows in ranges")
         ranges.append(Range(lower, upper, None if listed else _word(what), _read_rows(what) if listed else None))
         next_first = upper + 1
     return tuple(ranges)

@@ -17,6 +17,8 @@ MAX_CHUNKS = 2048
 """A snapshot has at most 4 MB."""
 MAX_ROWS = 4096
 """Longest list in a message: submaps of a record, revisions of a list."""
+MAX_RANGES, MAX_RANGE_ROWS = 1024, 1024
+"""Of a message: ranges, and rows in all of them."""
 MAX_COUNTER = (1 << 32) - 1
 MAX_COUNT = (1 << 53) - 1
 """Bytes, messages, milliseconds: what is whole for every reader of JSON, too."""

@@ -15,6 +15,7 @@ from fleetmap.model.errors import ConfigError, WireError, reason_without_numbers
 
 ANSWER_BPS, ANSWER_BURST_BYTES = 4 << 20, 32 << 20
 """What a peer sends in answers, all together: nobody knows who asks."""
+MAX_QUESTION_BYTES = 16 << 10
 SHORT_LIST = 16
 """So many streams are listed as they are; of more those are looked for that differ."""
 
@@ -41,6 +42,9 @@ class Answers:
         """The replies to a question under the own key ``kind``; none if it makes no sense, or there were too many."""
         self._ledger.received("?", f"{kind}?", len(payload))
         try:
+            if kind == "revisions" and len(payload) > MAX_QUESTION_BYTES:
+                raise WireError(robot="?", size_bytes=len(payload), reason="too long a question")
+            self._budget.spend(len(payload))
             if self._budget.left(now_s) <= 0:
                 raise WireError(robot="?", size_bytes=len(payload), reason="too many questions")
             replies = self._list(payload) if kind == "revisions" else self._stream(payload)

@@ -128,15 +128,20 @@ class Asking:
 
     def _agrees(self, neighbour: Neighbour) -> bool:
         """Whether a neighbour's last heartbeat says what is held here, or was a little while ago."""
+        self._note_held()
+        at = self._recent.get(neighbour.held)
+        if at is not None:
+            neighbour.agree(at)
+        return at is not None
+
+    def _note_held(self) -> int:
+        """The hash over all that is held now, which counts as one of the last ones from then on."""
         held = self._holdings.held_hash()
         self._recent[held] = self._holdings.changes
         self._recent.move_to_end(held)
         if len(self._recent) > MAX_RECENT:
             self._recent.popitem(last=False)
-        at = self._recent.get(neighbour.held)
-        if at is not None:
-            neighbour.agree(at)
-        return at is not None
+        return held
 
     def _sees_the_same(self, neighbour: Neighbour, now_s: float) -> bool:
         """Whether a neighbour's last heartbeat names whom this peer sees, or saw when it came; or was looked into."""
@@ -271,4 +276,4 @@ class Asking:
         """What to ask somebody who may hold something else: first whether it does."""
         if neighbour.further:
             return envelope.encode(Ranges(tuple(neighbour.further[:MOST_RANGES])))
-        return envelope.encode(Heartbeat(self._holdings.own.seq, self._holdings.held_hash(), self._alive()))
+        return envelope.encode(Heartbeat(self._holdings.own.seq, self._note_held(), self._alive()))

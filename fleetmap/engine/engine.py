@@ -61,7 +61,7 @@ from fleetmap.engine.outputs import Answer, Ask, LookAgain, Output, PeersChanged
 from fleetmap.engine.quota import Quota
 from fleetmap.engine.ranges import place
 from fleetmap.engine.reach import check_reach
-from fleetmap.engine.relays import Listening, Relaying
+from fleetmap.engine.relays import FIRST_RETRY_S, Listening, Relaying
 from fleetmap.engine.replica import Outcome
 from fleetmap.engine.stream import Key, Limits, Step, Stream
 from fleetmap.engine.teammates import Teammates
@@ -299,6 +299,8 @@ class Engine:
             self._tell_left_out(before)
         if self._voice.answers_doubt(now_s):
             self._commit(even_if_nothing=True)
+        for key in self.listening.silent(now_s):
+            self._asking.look_for(key, now_s + FIRST_RETRY_S)
         for ask_id, via, key in self.listening.due(now_s):
             payload = envelope.encode(Relay(*key))
             self.ledger.sent("want", len(payload))
@@ -323,6 +325,11 @@ class Engine:
         """Names that are there, or heard by way of others. Any thread may call it."""
         return self.neighbours.robots() | self.listening.robots()
 
+    def is_there(self, key: Key) -> bool:
+        """Whether a life's token is there and has ever spoken, or it is heard by way of others. Any thread may ask."""
+        way = self.listening.ways.get(key)
+        return self.neighbours.present(key) or (way is not None and way.spoke)
+
     def lacking(self) -> list[str]:
         """What is missing of what living peers hold, or disputed, in words; empty when this robot is in step."""
         disputed = sorted(self.disputed().items())
@@ -330,7 +337,7 @@ class Engine:
 
     def left_out(self) -> set[Key]:
         """Streams that are kept and not merged."""
-        return self.holdings.left_out(self.neighbours.present)
+        return self.holdings.left_out(self.is_there)
 
     def merged_streams(self) -> list[Stream]:
         """Streams that are kept and merged, ascending by robot and life."""
@@ -353,7 +360,7 @@ class Engine:
             life = f"{stream.robot} life {stream.life:016x} seq {stream.seq}"
             if replica.forked:
                 told[stream.robot] = f"{life} is disputed: its author has said two things; its next word decides"
-            elif stream.key not in self.neighbours:
+            elif not self.is_there(stream.key):
                 claims = self._asking.claims(stream.key)
                 if sides := contradictions(claims, stream.revision, self.robot):
                     who = "; ".join(f"{', '.join(names)}: digest {digest:016x}" for digest, names in sides.items())
@@ -385,7 +392,8 @@ class Engine:
                     self._on_heartbeat(neighbour, message, payload, now_s)
             case _:
                 raise WireError(robot=robot, size_bytes=len(payload), reason="wrong key")
-        self._relaying.hand_on(key, payload, now_s)
+        for _ in range(self._relaying.hand_on(key, payload, now_s)):
+            self.ledger.sent("relay", len(payload))
         if neighbour is not None:
             neighbour.steady = neighbour.steady or kind == "digest"
             self._spoke(neighbour)
@@ -396,8 +404,9 @@ class Engine:
         name, catchup = about.peer[0], self._asking.catchup
         neighbour = self.neighbours.by_key.get(about.peer)
         payer = self._guard.payer_of_reply(about.peer, self.holdings.replicas.get(about.peer))
-        if about.stream is not None:
-            self._guard.check(payer, name, payload, now_s)
+        self._guard.check(payer, name, payload, now_s)
+        if about.stream is None:
+            payer.spend(len(payload))
         match envelope.decode(payload, robot=name):
             case RevisionList(rows) if about.stream is None and neighbour is not None:
                 catchup.helped(ask_id, now_s)
@@ -406,8 +415,9 @@ class Engine:
                 catchup.helped(ask_id, now_s)
                 self._on_ranges(neighbour, ranges, now_s)
             case Heartbeat() as message if about.stream is None and neighbour is not None:
-                catchup.helped(ask_id, now_s)
                 self._on_heartbeat(neighbour, message, payload, now_s)
+                if neighbour.listed:  # else a list follows, or is lost
+                    catchup.helped(ask_id, now_s)
             case Living(tokens) if about.stream is None and neighbour is not None:
                 self._on_living(neighbour, tokens, now_s)
             case (Record() | SnapshotChunk()) as message if about.stream == self.own.key:
@@ -443,7 +453,7 @@ class Engine:
             raise
         if key not in self.holdings.replicas and (replica.stream.seq > 0 or not isinstance(message, Record)):
             self.holdings.hold(replica)
-            self._dropped(self.holdings.find_room(self.neighbours.present, newcomer=key))
+            self._dropped(self.holdings.find_room(self.is_there, newcomer=key))
         for step in replica.take_steps():
             self._moved(step)
         match outcome:
@@ -573,8 +583,9 @@ class Engine:
 
     def _on_living(self, neighbour: Neighbour, tokens: Iterable[Key], now_s: float) -> None:
         """A neighbour says whom it sees."""
-        unseen = {key for key in tokens if not self.neighbours.present(key) and self._guard.allows(key[0])}
-        self.listening.told(neighbour.key, unseen - {self.own.key}, now_s)
+        # Not who has the own name: its neighbour may not have noticed yet that the process before this one ended.
+        others = {key for key in tokens if key[0] != self.robot and self._guard.allows(key[0])}
+        self.listening.told(neighbour.key, {key for key in others if not self.neighbours.present(key)}, now_s)
 
     def _on_relay(self, payload: bytes, reply: Replying, now_s: float) -> None:
         """Somebody has no link to one that is there."""
@@ -663,7 +674,7 @@ class Engine:
         former = {
             life: replica.stream.state
             for (robot, life), replica in self.holdings.replicas.items()
-            if robot == self.robot and replica.stream.seq > 0 and (robot, life) not in self.neighbours
+            if robot == self.robot and replica.stream.seq > 0 and not self.is_there((robot, life))
         }
         return supersede(former)
 
@@ -673,13 +684,13 @@ class Engine:
         """Keep of a robot's lives what is to be kept, and name the own ones."""
 
         def there(life: int) -> bool:
-            return (robot, life) in self.neighbours
+            return self.is_there((robot, life))
 
         def coming(key: Key) -> bool:
             return self._asking.behind(key, waiting=True)
 
         self._dropped(self.holdings.settle(robot, there, coming))
-        self._dropped(self.holdings.find_room(self.neighbours.present))
+        self._dropped(self.holdings.find_room(self.is_there))
         if robot == self.robot:
             names = self.holdings.names(there)
             if names != self.own.names:

@@ -152,7 +152,7 @@ class Holdings:
             self._doubted = {}
             return set()
         streams = {s.key: s for s in self.streams()}
-        here = {key for key, state in self.hidden.items() if key in streams and streams[key].state == state}
+        here = {key for key, state in list(self.hidden.items()) if key in streams and streams[key].state == state}
         said = [item for key, s in streams.items() if key not in here for item in s.forgets.items()]
         there = {key for key, state in said if key in streams and streams[key].state == state} - here
         doubted = {key: self._since(self._doubted, streams[key]) for key in there if present(key)}

@@ -19,8 +19,12 @@ RELAY_S = 60.0
 RENEW_S = 50.0
 MAX_RELAYED = 64
 """Peers without a link that are listened to."""
-MAX_LISTENERS = 256
-"""Open answers of one peer."""
+MAX_LISTENERS, MAX_LISTENERS_EACH = 256, 32
+"""Open answers of one peer, and of these about one life."""
+MAX_BY_ONE = 16
+"""Of ``MAX_RELAYED``, by way of one neighbour, which may invent whom it sees."""
+SILENT_S = 15.0
+"""After so long a neighbour by which nothing has come gives way to another one."""
 FIRST_RETRY_S, LONGEST_RETRY_S = 1.0, 60.0
 
 
@@ -31,12 +35,14 @@ class Way:
     Parameters
     ----------
     via : the neighbour
+    since_s : since when
     renew_s : when to ask it again
     ask_ids : its open answers, and one that is coming
     spoke : something came this way
     """
 
     via: Key
+    since_s: float
     renew_s: float
     ask_ids: set[int] = field(default_factory=set)
     spoke: bool = False
@@ -52,8 +58,8 @@ class Listening:
     """
 
     ways: dict[Key, Way] = field(default_factory=dict)
-    _failed: dict[Key, tuple[float, float]] = field(default_factory=dict)
-    """Whom no neighbour could hand on: until when nobody is asked, and for how long."""
+    _failed: dict[Key, tuple[float, float, Key]] = field(default_factory=dict)
+    """Whom a neighbour didn't hand on: until when nobody is asked, for how long, and who it was."""
     _next_id: int = 0
 
     def robots(self) -> set[str]:
@@ -62,9 +68,14 @@ class Listening:
 
     def told(self, via: Key, living: Iterable[Key], now_s: float) -> None:
         """A neighbour sees these, and this peer doesn't."""
+        by_it = sum(way.via == via for way in self.ways.values())
         for key in sorted(set(living) - self.ways.keys()):
-            if len(self.ways) < MAX_RELAYED and now_s >= self._failed.get(key, (0.0, 0.0))[0]:
-                self.ways[key] = Way(via, now_s)
+            until_s, _, by_whom = self._failed.get(key, (0.0, 0.0, None))
+            # Another one first.
+            may = now_s >= until_s + (LONGEST_RETRY_S if by_whom == via else 0.0)
+            if may and by_it < MAX_BY_ONE and len(self.ways) < MAX_RELAYED:
+                self.ways[key] = Way(via, now_s, now_s)
+                by_it += 1
 
     def due(self, now_s: float) -> list[tuple[int, Key, Key]]:
         """(id, neighbour, whom) of the questions to put now."""
@@ -76,6 +87,13 @@ class Listening:
                 way.ask_ids.add(self._next_id)
                 asks.append((self._next_id, way.via, key))
         return asks
+
+    def silent(self, now_s: float) -> list[Key]:
+        """Give up ways by which nothing has come; returns who is to be looked for anew."""
+        given_up = [key for key, way in self.ways.items() if not way.spoke and now_s >= way.since_s + SILENT_S]
+        for key in given_up:
+            self._failed_again(key, self.ways.pop(key).via, now_s)
+        return given_up
 
     def way_of(self, ask_id: int) -> tuple[Key, Way] | None:
         """Whom an answer is about."""
@@ -93,11 +111,15 @@ class Listening:
         del self.ways[key]
         if way.spoke:
             return key
-        pause_s = min(LONGEST_RETRY_S, 2 * self._failed.get(key, (0.0, 0.0))[1] or FIRST_RETRY_S)
-        self._failed[key] = (now_s + pause_s, pause_s)
+        self._failed_again(key, way.via, now_s)
+        return None
+
+    def _failed_again(self, key: Key, via: Key, now_s: float) -> None:
+        before_s = self._failed[key][1] if key in self._failed else 0.0
+        pause_s = min(LONGEST_RETRY_S, 2 * before_s or FIRST_RETRY_S)
+        self._failed[key] = (now_s + pause_s, pause_s, via)
         if len(self._failed) > MAX_RELAYED:
             del self._failed[next(iter(self._failed))]
-        return None
 
     def lost(self, via: Key) -> list[Key]:
         """A neighbour is gone; returns who is heard no more."""
@@ -125,16 +147,19 @@ class Relaying:
     def begin(self, key: Key, reply: Replying, now_s: float) -> bool:
         """Keep an answer open; False if there is no room."""
         self._end_old(now_s)
-        if sum(map(len, self._open.values())) >= MAX_LISTENERS:
+        if sum(map(len, self._open.values())) >= MAX_LISTENERS or len(self._open.get(key, ())) >= MAX_LISTENERS_EACH:
             return False
         self._open.setdefault(key, []).append((now_s + RELAY_S, reply))
         return True
 
-    def hand_on(self, key: Key, payload: bytes, now_s: float) -> None:
-        """Say what a life has said to all who want to hear it."""
-        if key in self._open:
-            self._end_old(now_s)
-            self.outputs.extend(Answer(reply, (payload,), last=False) for _, reply in self._open.get(key, ()))
+    def hand_on(self, key: Key, payload: bytes, now_s: float) -> int:
+        """Say what a life has said to all who want to hear it; returns to how many."""
+        if key not in self._open:
+            return 0
+        self._end_old(now_s)
+        listeners = self._open.get(key, ())
+        self.outputs.extend(Answer(reply, (payload,), last=False) for _, reply in listeners)
+        return len(listeners)
 
     def gone(self, key: Key) -> None:
         """It is not heard any more."""

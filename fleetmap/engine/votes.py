@@ -19,7 +19,7 @@ def most_held(claims: Mapping[Key, Revision], seq: int) -> Revision | None:
     """
     names: dict[Revision, set[str]] = {}
     for (name, _), revision in claims.items():
-        if revision.seq == seq:
+        if revision.seq == seq and revision.digest:  # 0 where a digest wasn't said
             names.setdefault(revision, set()).add(name)
     return max(names, key=lambda revision: (len(names[revision]), revision.digest), default=None)
 
@@ -28,6 +28,6 @@ def contradictions(claims: Mapping[Key, Revision], held: Revision, me: str) -> d
     """Who holds what of the revision that is held here, if not all hold the same: digest -> names, ascending."""
     names: dict[int, set[str]] = {held.digest: {me}}
     for (name, _), revision in claims.items():
-        if revision.seq == held.seq:
+        if revision.seq == held.seq and revision.digest:
             names.setdefault(revision.digest, set()).add(name)
     return {digest: sorted(those) for digest, those in sorted(names.items())} if len(names) > 1 else {}

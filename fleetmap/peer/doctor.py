@@ -59,15 +59,18 @@ async def examine(
         links, routers = await watcher.links()
         _, fleets = await watcher.surroundings()
         found = [problem for robot in seen for problem in _of_robot(robot)]
-        if not links:
-            reasons = await asyncio.gather(*(asyncio.to_thread(why_not, e, watcher.settings) for e in watcher.dialled))
-            found += [unreachable(e, reason) for e, reason in zip(watcher.dialled, reasons, strict=True)]
-        elif routers:
+        others = [endpoint for endpoint in watcher.dialled if endpoint not in links]
+        reasons = await asyncio.gather(*(asyncio.to_thread(why_not, e, watcher.settings) for e in others))
+        # Robots that are linked the other way round leave no link of this end.
+        found += [unreachable(e, why) for e, why in zip(others, reasons, strict=True) if why is not None or not links]
+        if links and routers:
             found += await asyncio.to_thread(partial(_behind_router, watcher, {robot.robot for robot in seen}))
-        others = tuple(name for name in fleets if name != fleet)
+        other_fleets = tuple(name for name in fleets if name != fleet)
         if not seen and (links or not watcher.dialled) and not found:
-            found.append(Problem("nobody", fleet, _nobody(fleet, watcher, links, others)))
-    return Findings(tuple(links), tuple(seen), others, tuple(sorted(found, key=lambda p: (p.kind, p.robot, p.text))))
+            found.append(Problem("nobody", fleet, _nobody(fleet, watcher, links, other_fleets)))
+    return Findings(
+        tuple(links), tuple(seen), other_fleets, tuple(sorted(found, key=lambda p: (p.kind, p.robot, p.text)))
+    )
 
 
 def _of_robot(seen: Seen) -> list[Problem]:

@@ -38,6 +38,11 @@ def check_endpoints(option: str, endpoints: object) -> list[str]:
     return list(endpoints)
 
 
+def is_endpoint(endpoint: object) -> bool:
+    """Whether it is one to listen at."""
+    return _fault(endpoint, free_port=True) is None
+
+
 def _fault(endpoint: object, *, free_port: bool) -> str | None:
     """What is wrong with an endpoint."""
     if not isinstance(endpoint, str):
@@ -45,6 +50,8 @@ def _fault(endpoint: object, *, free_port: bool) -> str | None:
     if any(character.isspace() for character in endpoint):
         return "it has a space in it"
     match = _ENDPOINT.fullmatch(endpoint)
+    if match is None and re.match("(tcp|tls)://", endpoint, re.IGNORECASE):
+        return f"write {endpoint.lower().replace('://', '/', 1)}"
     if match is None:
         # Recovery over UDP stalls for 10 s once a reply is lost: state never travels on it.
         return "other transports than TCP and TLS lose state" if "/" in endpoint else "the protocol is missing"
@@ -59,7 +66,7 @@ def _fault_of_host(host: str) -> str | None:
             ipaddress.IPv6Address(host[1:-1].partition("%")[0])
         elif _DIGITS.fullmatch(host):
             ipaddress.IPv4Address(host)
-        elif not _HOST.fullmatch(host):
+        elif not _HOST.fullmatch(host) or not all(0 < len(label) < 64 for label in host.rstrip(".").split(".")):
             return f"{host!r} is no name of a host"
     except ValueError:
         return f"{host!r} is no address"

@@ -11,8 +11,8 @@ from fleetmap.merge.protocol import Frame
 
 MAX_NAMED = 5
 UNKNOWN_REASON = (
-    "something listens there that lets this robot in by no link: it is no fleetmap, or lets nobody in, or has room for "
-    "nobody"
+    "something listens there, but no link comes up: it is no fleetmap, or lets this robot not in, or is hung or very "
+    "busy"
 )
 
 
@@ -22,10 +22,10 @@ class Problem:
 
     Parameters
     ----------
-    kind : ``disputed``: what a robot has said is contradicted, and nobody can tell who is right; ``left out``: a map is
-        not in the merged one; ``namesake``: another living peer has the own name; ``router``: robots can't be heard
-        through a router; ``unreachable``: nobody was reached at an endpoint; ``version``: a robot speaks another
-        version of the protocol
+    kind : ``disputed``: what a robot has said is contradicted, and nobody can tell who is right; ``fleet``: robots of
+        other fleets are there, and none of the own; ``left out``: a map is not in the merged one; ``namesake``: another
+        living peer has the own name; ``router``: robots can't be heard through a router; ``unreachable``: nobody was
+        reached at an endpoint; ``version``: a robot speaks another version of the protocol
     robot : whom it is about; or the endpoint
     text : what was found, and what to do
     """
@@ -76,6 +76,13 @@ def other_version(robot: str, version: int) -> Problem:
 def unreachable(endpoint: str, reason: str | None) -> Problem:
     """Nobody was reached at an endpoint that is dialled; ``reason``: None if it can't be told."""
     return Problem("unreachable", endpoint, f"no link to {endpoint}: {reason or UNKNOWN_REASON}")
+
+
+def other_fleets(fleet: str, others: Sequence[str]) -> Problem:
+    """Nobody of the own fleet is there, but robots of others."""
+    names = ", ".join(others[:MAX_NAMED])
+    text = f"no robot of fleet {fleet!r} there, but robots of {names}: join one of these, if that is meant"
+    return Problem("fleet", names, text)
 
 
 def behind_router(robots: Sequence[str]) -> Problem:

@@ -71,7 +71,7 @@ def streams_of(engine: Engine) -> dict[str, list[Stream]]:
             found.setdefault(stream.robot, []).append(stream)
 
     def rank(stream: Stream) -> tuple[bool, int, int]:
-        return stream.key in engine.neighbours, stream.edges, stream.life
+        return engine.is_there(stream.key), stream.edges, stream.life
 
     return {robot: sorted(streams, key=rank, reverse=True) for robot, streams in found.items()}
 

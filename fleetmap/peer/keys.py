@@ -4,19 +4,40 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import zenoh
 
 from fleetmap.codecs.names import NAME
+from fleetmap.model.errors import ConfigError
 from fleetmap.peer.link import Token
+from fleetmap.peer.settings import as_json5
 
 T = TypeVar("T")
 
 LIFE = re.compile("[0-9a-f]{16}")
 MAX_LOOKED_AT = 16_384
 """Tokens that a look at all of them finds."""
+
+
+def zenoh_config(settings: Mapping[str, object]) -> zenoh.Config:
+    """The settings as Zenoh takes them.
+
+    Raises
+    ------
+    ConfigError : it doesn't take one of them
+    """
+    config = zenoh.Config()
+    for key, value in settings.items():
+        try:
+            config.insert_json5(key, as_json5(value))
+        except zenoh.ZError as error:
+            # Zenoh's own message has the place in its source, and not the key.
+            told = str(error).partition(" at /")[0].partition("Message {")[0]
+            reason = f"Zenoh takes no such setting as {key!r}, or no such value for it: {told}"
+            raise ConfigError(option="config", value={key: value}, reason=reason) from None
+    return config
 
 
 def direct(call: Callable[[T], None], end: Callable[[], None] | None = None) -> Any:

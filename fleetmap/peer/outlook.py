@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 
 from fleetmap.model.threads import in_thread
-from fleetmap.peer.health import Problem, behind_router, unreachable
+from fleetmap.peer.health import Problem, behind_router, other_fleets, unreachable
 from fleetmap.peer.link import Network
 from fleetmap.peer.probe import Visit, split, why_not
 
-ALONE_S, LOOK_S = 1.5, 10.0
-"""After so long without any link it is found out why, and again each so often."""
+ALONE_S, COMING_S, LOOK_S = 1.5, 2.8, 10.0
+"""After so long without any link it is found out why; that no reason is found isn't told before a link that is just
+coming up had time for it; and again each so often."""
+STRANGERS_S = 2.0
+"""So long whoever is linked may take to show which fleet it belongs to."""
 MAX_PROBES = 8
 DIAL_S, LONGEST_DIAL_PAUSE_S = 5.0, 300.0
 """After so long without any link those are dialled, too, of whom one has heard; and again, ever more seldom."""
@@ -29,43 +32,60 @@ class Outlook:
     fleet : the first two parts of its keys
     settings : of the session
     dialled : endpoints that it was told to dial
+    fleets : which fleets have robots at the other ends of its links; takes a moment
 
     Attributes
     ----------
     network : as of the last look
     """
 
-    def __init__(self, robot: str, fleet: str, settings: Mapping[str, object], dialled: Sequence[str]) -> None:
-        self._robot, self._fleet, self._settings = robot, fleet, settings
+    def __init__(
+        self,
+        robot: str,
+        fleet: str,
+        settings: Mapping[str, object],
+        dialled: Sequence[str],
+        fleets: Callable[[], set[str]],
+    ) -> None:
+        self._robot, self._fleet, self._settings, self._fleets = robot, fleet, settings, fleets
         self._dialled = list(dialled)
         self.network = Network(reached=not dialled)
         self._look_s = self._dial_s = self._dial_pause_s = 0.0
-        self._alone_s = time.monotonic()
+        self._alone_s = self._unseen_s = time.monotonic()
 
     async def look(
-        self, sources: Sequence[str], *, routers: bool, listening: Sequence[str], seen: Collection[str]
+        self, links: Sequence[tuple[str, str]], *, routers: bool, listening: Sequence[str], seen: Collection[str]
     ) -> Network:
         """Find out what is wrong, if something is.
 
         Parameters
         ----------
-        sources : own addresses of the links that there are
+        links : own address and that of the other end, of each link that there is
         routers : whether one of them leads to a router
         listening : endpoints
         seen : names of robots that are there, or heard by way of others
         """
         now_s = time.monotonic()
-        if sources:
+        if links:
+            # What was found out without any says nothing of them.
+            self._look_s = 0.0 if self._alone_s < now_s - ALONE_S else self._look_s
             self._alone_s = now_s
+        if seen or not links:
+            self._unseen_s = now_s
         found = self.network.problems
-        if sources and not routers:
+        if links and seen and not routers:
             found = ()
-        elif now_s >= self._look_s and (sources or now_s >= self._alone_s + ALONE_S):
+        elif not links and now_s >= max(self._look_s, self._alone_s + ALONE_S):
             self._look_s = now_s + LOOK_S
-            behind = partial(self._behind_router, frozenset(seen))
-            found = await (in_thread(behind) if sources else self._why_alone())
-        addresses = _addresses(listening, sources) or self.network.addresses
-        self.network = Network(self.network.reached or bool(sources), found, addresses)
+            found = await self._why_alone(listening, now_s)
+        elif links and now_s >= max(self._look_s, self._unseen_s + STRANGERS_S if not seen else 0.0):
+            self._look_s = now_s + LOOK_S
+            found = await in_thread(partial(self._why_unseen, frozenset(seen), routers=routers))
+        elif links and any(problem.kind == "unreachable" for problem in found):
+            found = ()
+        addresses = _addresses(listening, [source for source, _ in links]) or self.network.addresses
+        dialled = not self._dialled or any(end in self._dialled for _, end in links)
+        self.network = Network(self.network.reached or bool(seen) or dialled, found, addresses)
         return self.network
 
     def dial_too(self, heard: Sequence[str]) -> list[str]:
@@ -81,27 +101,36 @@ class Outlook:
         self._dial_s = now_s + self._dial_pause_s
         return new
 
-    async def _why_alone(self) -> tuple[Problem, ...]:
-        dialled = self._dialled[:MAX_PROBES]
+    async def _why_alone(self, listening: Sequence[str], now_s: float) -> tuple[Problem, ...]:
+        own = {*listening, *self.network.addresses}
+        dialled = [each for each in self._dialled if each not in own][:MAX_PROBES]
         reasons = await asyncio.gather(*(in_thread(partial(why_not, each, self._settings)) for each in dialled))
+        if None in reasons and now_s < self._alone_s + COMING_S:
+            self._look_s = self._alone_s + COMING_S
+            return ()
         return tuple(unreachable(endpoint, reason) for endpoint, reason in zip(dialled, reasons, strict=True))
 
-    def _behind_router(self, seen: frozenset[str]) -> tuple[Problem, ...]:
-        """Whom a client hears at the endpoints, and this peer doesn't: a router passes nothing on between peers."""
-        found: set[str] = set()
-        for endpoint in self._dialled[:MAX_PROBES]:
-            with Visit(endpoint, self._settings) as visit:
-                found |= visit.robots(self._fleet)
-        unheard = sorted(found - seen - {self._robot})
-        return (behind_router(unheard),) if unheard else ()
+    def _why_unseen(self, seen: frozenset[str], *, routers: bool) -> tuple[Problem, ...]:
+        """There are links, and perhaps robots that aren't seen: behind a router, or of other fleets."""
+        if routers:
+            found: set[str] = set()
+            for endpoint in self._dialled[:MAX_PROBES]:
+                with Visit(endpoint, self._settings) as visit:
+                    found |= visit.robots(self._fleet)
+            if unheard := sorted(found - seen - {self._robot}):
+                return (behind_router(unheard),)
+        others = sorted(self._fleets() - {self._fleet.partition("/")[2]}) if not seen else []
+        return (other_fleets(self._fleet.partition("/")[2], others),) if others else ()
 
 
 def _addresses(listening: Sequence[str], sources: Sequence[str]) -> tuple[str, ...]:
     """Where others reach a session: where it listens, or if that is everywhere, there by its own addresses."""
-    hosts = sorted({split(source)[1] for source in sources})
+    hosts = {split(source)[1] for source in sources}
+    # On other computers this one's loopback would be their own.
+    hosts = {host for host in hosts if not host.startswith("127.") and host != "::1"} or hosts
     found = []
     for endpoint in listening:
         protocol, host, port = split(endpoint)
-        for each in hosts if host in EVERYWHERE else [host]:
+        for each in sorted(hosts) if host in EVERYWHERE else [host]:
             found.append(f"{protocol}/[{each}]:{port}" if ":" in each else f"{protocol}/{each}:{port}")
     return tuple(sorted(found))

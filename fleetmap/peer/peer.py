@@ -391,9 +391,10 @@ class Peer:
 
         def missing() -> list[str]:
             seen = len(self._engine.living() - {self.robot})
-            if not self._network.reached and not self._engine.living():
-                why = [problem.text for problem in self._network.problems if problem.kind == "unreachable"]
-                return why or [f"anybody at {self._connect}"]
+            if self._connect and not self._engine.living():
+                why = [problem.text for problem in self._network.problems]
+                if why or not self._network.reached:
+                    return why or [f"anybody at {self._connect}"]
             return [f"{at_least - seen} more peers"] if seen < at_least else self._engine.lacking()
 
         await self._run(self._ask_lists)
@@ -599,7 +600,11 @@ class Peer:
         while True:
             await asyncio.sleep(HEALTH_S)
             heard = await self._read(self._engine.addresses)
-            before, self._network = self._network, await self._link.look(self._engine.living(), heard)
+            before = self._network
+            try:
+                self._network = await self._link.look(self._engine.living() - {self.robot}, heard)
+            except Exception:  # to be told what is wrong is no reason to end
+                logger.exception("%s: what is wrong with the network could not be found out", self.robot)
             if self._network.addresses != before.addresses:
                 await self._run(self._engine.set_addresses, self._network.addresses)
             found = {(problem.kind, problem.robot): problem.text for problem in self.health()}

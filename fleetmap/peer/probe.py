@@ -12,8 +12,8 @@ from typing import Self
 import zenoh
 
 from fleetmap.peer import endings
-from fleetmap.peer.keys import living_keys, parse_token
-from fleetmap.peer.settings import as_json5, leaves
+from fleetmap.peer.keys import living_keys, parse_token, zenoh_config
+from fleetmap.peer.settings import leaves
 
 CONNECT_S = 2.0
 """A computer that doesn't answer within this is out of reach."""
@@ -27,8 +27,9 @@ def why_not(endpoint: str, settings: Mapping[str, object]) -> str | None:
     protocol, host, port = split(endpoint)
     try:
         socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    except OSError as error:
-        return f"no computer is known by the name {host!r} ({error.strerror}): check the name, or write its address"
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        return f"no computer is known by the name {host!r} ({reason}): check the name, or write its address"
     try:
         connection = socket.create_connection((host, port), timeout=CONNECT_S)
     except ConnectionRefusedError:
@@ -39,7 +40,7 @@ def why_not(endpoint: str, settings: Mapping[str, object]) -> str | None:
         return f"can't be reached ({error.strerror}): check the network, and the address"
     with connection:
         if protocol == "tls":
-            return _why_no_tls(connection, host, _tls(settings))
+            return _why_no_tls(connection, host, port, _tls(settings))
         if _wants_tls(connection, host):
             return f"it wants TLS: write tls/{host}:{port}, and give the certificates of the fleet in config="
     return None
@@ -68,11 +69,8 @@ class Visit:
 
     def __enter__(self) -> Self:
         endings.opened(self)
-        config = zenoh.Config()
-        for key, value in self._settings.items():
-            config.insert_json5(key, as_json5(value))
         with suppress(zenoh.ZError):
-            self._session = zenoh.open(config)
+            self._session = zenoh.open(zenoh_config(self._settings))
         return self
 
     def __exit__(
@@ -103,17 +101,22 @@ def split(endpoint: str) -> tuple[str, str, int]:
     return protocol, host.strip("[]"), int(port)
 
 
-def _why_no_tls(connection: socket.socket, host: str, tls: Mapping[str, object]) -> str | None:
+def _why_no_tls(connection: socket.socket, host: str, port: int, tls: Mapping[str, object]) -> str | None:
     def named(option: str) -> str | None:
         value = tls.get(option)
         return value if isinstance(value, str) else None
 
-    context = ssl.create_default_context(cafile=named("root_ca_certificate"))
-    context.check_hostname = tls.get("verify_name_on_connect") is not False
     certificate, key = named("connect_certificate"), named("connect_private_key")
     try:
+        context = ssl.create_default_context(cafile=named("root_ca_certificate"))
+        context.check_hostname = tls.get("verify_name_on_connect") is not False
         if certificate is not None and tls.get("enable_mtls"):
             context.load_cert_chain(certificate, key)
+    except (OSError, ValueError) as error:
+        return f"the certificates that this robot was given can't be used ({error}): expected PEM"
+    if any(name.endswith("_base64") for name in tls):
+        return None  # they are Zenoh's to judge: what is found without them would mislead
+    try:
         with context.wrap_socket(connection, server_hostname=host) as secured:
             secured.settimeout(REFUSAL_S)
             with suppress(TimeoutError):
@@ -124,7 +127,9 @@ def _why_no_tls(connection: socket.socket, host: str, tls: Mapping[str, object])
             f"its certificate is not trusted here ({error.verify_message}): it must be issued by the fleet's key, for "
             "the name that is dialled, and be in its time"
         )
-    except (ssl.SSLError, ConnectionError) as error:
+    except TimeoutError:
+        return f"it speaks no TLS: write tcp/{host}:{port} if its robots use none, or give them certificates, too"
+    except (OSError, ValueError) as error:
         reason = getattr(error, "reason", None) or str(error)
         return _REFUSED.format(str(reason).lower().replace("_", " "))
     return None

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from fleetmap.model.errors import ConfigError
 from fleetmap.peer.endpoints import check_endpoints
-from fleetmap.peer.settings import check_config
+from fleetmap.peer.settings import check_config, leaves
 
 PROFILES = ("lan", "local", "narrow")
 """``lan``: peers that find each other by multicast, and by the endpoints given. ``local``: by endpoints only.
@@ -35,7 +35,9 @@ def zenoh_settings(
         raise ConfigError(option="profile", value=profile, reason=f"expected one of {', '.join(PROFILES)}")
     listening, connecting = check_endpoints("listen", listen), check_endpoints("connect", connect)
     further = check_config({} if config is None else config)
-    everywhere = "tcp/127.0.0.1:0" if profile == "local" else "tcp/0.0.0.0:0"
+    allowed = dict(leaves(further, "")).get("transport/link/protocols")
+    protocol = "tls" if isinstance(allowed, list) and "tls" in allowed and "tcp" not in allowed else "tcp"
+    everywhere = f"{protocol}/127.0.0.1:0" if profile == "local" else f"{protocol}/0.0.0.0:0"
     return {
         "mode": "peer",
         "listen/endpoints": listening or [everywhere],

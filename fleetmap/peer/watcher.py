@@ -22,9 +22,8 @@ from fleetmap.codecs.messages import StatsMessage
 from fleetmap.codecs.names import NAME, check_name
 from fleetmap.model.errors import LinkError, WireError
 from fleetmap.peer.endings import enter_zenoh
-from fleetmap.peer.keys import living_keys, parse_key, parse_token, robot_of_token
+from fleetmap.peer.keys import living_keys, parse_key, parse_token, robot_of_token, zenoh_config
 from fleetmap.peer.profiles import zenoh_settings
-from fleetmap.peer.settings import as_json5
 
 ASK_TIMEOUT_S = 2.0
 MAX_ROBOTS = 512
@@ -90,13 +89,11 @@ class Watcher:
 
     async def __aenter__(self) -> Self:
         enter_zenoh(self.endpoint)
-        config = zenoh.Config()
-        for key, value in self.settings.items():
-            config.insert_json5(key, as_json5(value))
+        config = zenoh_config(self.settings)
         try:
             self._session = await asyncio.to_thread(zenoh.open, config)
         except zenoh.ZError as error:
-            raise LinkError(endpoint=self.endpoint, reason=str(error)) from None
+            raise LinkError(endpoint=self.endpoint, reason=str(error).partition(" at /")[0]) from None
         return self
 
     async def __aexit__(

@@ -19,17 +19,18 @@ from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
 import zenoh
 
+from fleetmap.codecs.names import NAME
 from fleetmap.engine import RELAY_S, Alive, Foreign, Gone, Message, Query
-from fleetmap.model.errors import ConfigError, LinkError
+from fleetmap.model.errors import LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
-from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token, robot_of_token
+from fleetmap.peer.endpoints import is_endpoint
+from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token, robot_of_token, zenoh_config
 from fleetmap.peer.link import Network, Receiver, Token
 from fleetmap.peer.outlook import Outlook
 from fleetmap.peer.ports import free_port
 from fleetmap.peer.probe import split
 from fleetmap.peer.profiles import zenoh_settings
-from fleetmap.peer.settings import as_json5
 
 # The stubs of zenoh 1.10 mark optional arguments as required, and leave some methods without types.
 
@@ -90,10 +91,10 @@ class ZenohLink:
     ) -> None:
         self._robot, self._fleet = robot, f"fleetmap/{fleet}"
         self._settings = zenoh_settings(profile, listen=listen, connect=connect, config=config)
-        self._dialled, self._heard, self._listening = list(connect), list[str](), list[str]()
+        self._heard, self._listening = list[str](), list[str]()
         self._config()  # refuses settings that Zenoh doesn't know, here and not when the link is opened
         self._endpoint = ", ".join([*connect, *listen]) or profile
-        self._outlook = Outlook(robot, self._fleet, self._settings, connect)
+        self._outlook = Outlook(robot, self._fleet, self._settings, connect, self._fleets)
         self._session: zenoh.Session | None = None
         self._declared: list[object] = []
         self._shown: Shown | None = None
@@ -186,13 +187,24 @@ class ZenohLink:
             links, routers = ([], []) if info is None else (info.links(), info.routers_zid())
         finally:
             self._entering.release()
-        sources = [link.src for link in links]
-        await self._outlook.look(sources, routers=bool(routers), listening=self._listening, seen=seen)
+        await self._outlook.look(
+            [(link.src, link.dst) for link in links], routers=bool(routers), listening=self._listening, seen=seen
+        )
         further = self._outlook.dial_too(heard)
-        if further:
-            log.info("%s: nobody at %s: dialling %s, too", self._robot, self._endpoint, ", ".join(further))
+        if further and not await in_thread(self._is_linked):
+            log.info("%s: no link: dialling %s, too, which it has heard of", self._robot, ", ".join(further))
             await self.reopen(further)
         return self._outlook.network
+
+    @_entering_zenoh
+    def _is_linked(self) -> bool:
+        return self._session is not None and bool(self._session.info.links())
+
+    def _fleets(self) -> set[str]:
+        """Fleets that have robots where this session is linked to."""
+        session = self._session
+        keys = [] if session is None else living_keys(session, "fleetmap/*/*/alive/**", timeout_s=DISCOVERY_TIMEOUT_S)
+        return {key.split("/")[1] for key in keys if NAME.fullmatch(key.split("/")[1])}
 
     async def reopen(self, further: Sequence[str] = ()) -> None:
         """Close the session and open another one, which dials these, too."""
@@ -344,8 +356,12 @@ class ZenohLink:
 
     def _new_session(self) -> zenoh.Session:
         """Open one that listens at ports which are known, so that others can be told of them."""
-        listen = self._settings["listen/endpoints"]
-        endpoints = [each for each in listen if isinstance(each, str)] if isinstance(listen, list) else []
+        told = self._settings["listen/endpoints"]
+        # Whoever writes it in another form, or as something else than addresses, isn't told of.
+        plain = isinstance(told, list) and "listen" not in self._settings
+        endpoints = [each for each in told if is_endpoint(each)] if isinstance(told, list) and plain else []
+        if isinstance(told, list) and len(endpoints) < len(told):
+            endpoints = []
         free = any(split(each)[2] == 0 for each in endpoints)
         for left in reversed(range(TRIES if free else 1)):
             self._listening = [_at_free_port(each) for each in endpoints]
@@ -357,20 +373,13 @@ class ZenohLink:
         raise AssertionError("unreachable")
 
     def _config(self) -> zenoh.Config:
-        config = zenoh.Config()
         settings = dict(self._settings)
         if self._listening:
             settings["listen/endpoints"] = self._listening
-        if self._heard:
-            settings["connect/endpoints"] = [*self._dialled, *self._heard]
-        for key, value in settings.items():
-            try:
-                config.insert_json5(key, as_json5(value))
-            except zenoh.ZError as error:
-                # Zenoh's own message has the place in its source, and not the key.
-                reason = f"Zenoh takes no such setting as {key!r}: {str(error).partition(' at /')[0]}"
-                raise ConfigError(option="config", value={key: value}, reason=reason) from None
-        return config
+        dialled = settings["connect/endpoints"]
+        if self._heard and isinstance(dialled, list):
+            settings["connect/endpoints"] = [*dialled, *self._heard]
+        return zenoh_config(settings)
 
     def _living(self, session: zenoh.Session) -> list[Token]:
         keys = living_keys(session, f"{self._fleet}/*/alive/**", timeout_s=DISCOVERY_TIMEOUT_S)
@@ -422,4 +431,5 @@ def _at_free_port(endpoint: str) -> str:
     if port:
         return endpoint
     shown = f"[{host}]" if ":" in host else host
-    return f"{protocol}/{shown}:{free_port(shown)}"
+    end = endpoint.index(":0", endpoint.index(host) + len(host))
+    return f"{protocol}/{shown}:{free_port(shown)}{endpoint[end + 2 :]}"
