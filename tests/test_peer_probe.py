@@ -106,7 +106,8 @@ async def test_robots_of_other_fleets_are_named_where_none_of_the_own_is_there(c
 async def test_the_own_endpoint_among_those_to_dial_is_no_problem(timeout_factor) -> None:
     place, other = (f"tcp/127.0.0.1:{free_port('127.0.0.1')}" for _ in range(2))
     common = {"fleet": "alike", "profile": "local", "start": Pose2(), "connect": [place, other]}
-    async with fleetmap.join("a", listen=[place], **common) as a:
+    everywhere = place.replace("127.0.0.1", "0.0.0.0")
+    async with fleetmap.join("a", listen=[everywhere], **common) as a:
         async with asyncio.timeout(10.0 * timeout_factor):
             while not a.health():  # noqa: ASYNC110 - health is for looking
                 await asyncio.sleep(0.1)

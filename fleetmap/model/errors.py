@@ -58,7 +58,8 @@ class NameInUse(LinkError):
         self.robot, self.fleet = robot, fleet
         super().__init__(
             endpoint=fleet,
-            reason=f"a living peer is already called {robot!r}: give this one another name, or stop the other",
+            reason=f"a living peer is already called {robot!r}: give this one another name, or stop the other; "
+            'if_taken="join" joins beside one that hangs',
         )
 
 

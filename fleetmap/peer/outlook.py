@@ -10,6 +10,7 @@ from functools import partial
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.health import Problem, behind_router, other_fleets, unreachable
 from fleetmap.peer.link import Network
+from fleetmap.peer.ports import is_local
 from fleetmap.peer.probe import Visit, split, why_not
 
 ALONE_S, COMING_S, LOOK_S = 1.5, 2.8, 10.0
@@ -54,37 +55,39 @@ class Outlook:
         self._alone_s = self._unseen_s = time.monotonic()
 
     async def look(
-        self, links: Sequence[tuple[str, str]], *, routers: bool, listening: Sequence[str], seen: Collection[str]
+        self, sources: Sequence[str], *, routers: bool, listening: Sequence[str], seen: Collection[str]
     ) -> Network:
         """Find out what is wrong, if something is.
 
         Parameters
         ----------
-        links : own address and that of the other end, of each link that there is
+        sources : own addresses of the links that there are
         routers : whether one of them leads to a router
         listening : endpoints
         seen : names of robots that are there, or heard by way of others
         """
         now_s = time.monotonic()
-        if links:
+        if sources:
             # What was found out without any says nothing of them.
             self._look_s = 0.0 if self._alone_s < now_s - ALONE_S else self._look_s
             self._alone_s = now_s
-        if seen or not links:
+        if seen or not sources:
             self._unseen_s = now_s
         found = self.network.problems
-        if links and seen and not routers:
+        if sources and seen and not routers:
             found = ()
-        elif not links and now_s >= max(self._look_s, self._alone_s + ALONE_S):
+        elif not sources and now_s >= max(self._look_s, self._alone_s + ALONE_S):
             self._look_s = now_s + LOOK_S
             found = await self._why_alone(listening, now_s)
-        elif links and now_s >= max(self._look_s, self._unseen_s + STRANGERS_S if not seen else 0.0):
+        elif sources and now_s >= max(self._look_s, self._unseen_s + STRANGERS_S if not seen else 0.0):
             self._look_s = now_s + LOOK_S
             found = await in_thread(partial(self._why_unseen, frozenset(seen), routers=routers))
-        elif links and any(problem.kind == "unreachable" for problem in found):
+        elif sources and any(problem.kind == "unreachable" for problem in found):
             found = ()
-        addresses = _addresses(listening, [source for source, _ in links]) or self.network.addresses
-        dialled = not self._dialled or any(end in self._dialled for _, end in links)
+        addresses = _addresses(listening, sources) or self.network.addresses
+        # A link that others dialled ends here where this session listens.
+        ports = {split(each)[2] for each in listening}
+        dialled = not self._dialled or any(split(source)[2] not in ports for source in sources)
         self.network = Network(self.network.reached or bool(seen) or dialled, found, addresses)
         return self.network
 
@@ -102,8 +105,8 @@ class Outlook:
         return new
 
     async def _why_alone(self, listening: Sequence[str], now_s: float) -> tuple[Problem, ...]:
-        own = {*listening, *self.network.addresses}
-        dialled = [each for each in self._dialled if each not in own][:MAX_PROBES]
+        others = await in_thread(lambda: [each for each in self._dialled if not _is_own(each, listening)])
+        dialled = others[:MAX_PROBES]
         reasons = await asyncio.gather(*(in_thread(partial(why_not, each, self._settings)) for each in dialled))
         if None in reasons and now_s < self._alone_s + COMING_S:
             self._look_s = self._alone_s + COMING_S
@@ -121,6 +124,12 @@ class Outlook:
                 return (behind_router(unheard),)
         others = sorted(self._fleets() - {self._fleet.partition("/")[2]}) if not seen else []
         return (other_fleets(self._fleet.partition("/")[2], others),) if others else ()
+
+
+def _is_own(endpoint: str, listening: Sequence[str]) -> bool:
+    """Whether whoever dials an endpoint reaches itself, as where all robots are given one list."""
+    _, host, port = split(endpoint)
+    return any(split(each)[2] == port for each in listening) and is_local(host)
 
 
 def _addresses(listening: Sequence[str], sources: Sequence[str]) -> tuple[str, ...]:

@@ -33,6 +33,22 @@ def free_port(host: str) -> int:
         return int(probe.getsockname()[1])
 
 
+def is_local(host: str) -> bool:
+    """Whether a name or an address is one of this machine's."""
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), 0, type=socket.SOCK_DGRAM)
+    except (OSError, ValueError):
+        return False
+    for family, kind, _, _, address in found:
+        with socket.socket(family, kind) as probe:
+            try:
+                probe.bind(address)
+            except OSError:
+                continue
+            return True
+    return False
+
+
 def _socket(host: str) -> socket.socket:
     probe = socket.socket(socket.AF_INET6 if host.startswith("[") else socket.AF_INET)
     # A port whose last connections are still in TIME_WAIT is free to listen on.

@@ -42,8 +42,8 @@ def check_config(config: object) -> dict[str, object]:
         try:
             Path(name).open("rb").close()
         except OSError as error:
-            reason = f"{key}: {name} can't be read ({error.strerror})"
-            raise ConfigError(option="config", value="...", reason=reason) from None
+            reason = f"{name} can't be read ({error.strerror})"
+            raise ConfigError(option="config", value=key, reason=reason) from None
     return dict(config)
 
 

@@ -187,9 +187,8 @@ class ZenohLink:
             links, routers = ([], []) if info is None else (info.links(), info.routers_zid())
         finally:
             self._entering.release()
-        await self._outlook.look(
-            [(link.src, link.dst) for link in links], routers=bool(routers), listening=self._listening, seen=seen
-        )
+        sources = [link.src for link in links]
+        await self._outlook.look(sources, routers=bool(routers), listening=self._listening, seen=seen)
         further = self._outlook.dial_too(heard)
         if further and not await in_thread(self._is_linked):
             log.info("%s: no link: dialling %s, too, which it has heard of", self._robot, ", ".join(further))
