@@ -4,7 +4,7 @@ Counted is one link and what one robot causes on it: its messages and keep-alive
 bring from the other side. Two robots' shares add up to all that their link carries. Nothing here is fitted;
 ``benchmarks/wire.py`` holds the sum against the kernel's own counters.
 
-Left out: link layer headers, lost segments, and what is said once when a link opens (5 to 10 kB both ways). Two robots
+Left out: link layer headers, lost segments, and what is said once when a link opens (4 to 5 kB both ways). Two robots
 whose heartbeats happen to fall within 40 ms of each other acknowledge with what they say anyway: on an idle link the
 sum is then up to a fifth too high.
 """
