@@ -74,7 +74,9 @@ class Asking:
         self.claim(neighbour, neighbour.key, message.seq, now_s + GRACE_S)
         agrees = self._agrees(neighbour)
         if not neighbour.listed:
-            return  # it is about to be asked, or has been
+            # It is about to be asked, or has been; now that it can be heard, soon again if that was in vain.
+            self.catchup.renewed(About(neighbour.key, None), now_s)
+            return
         if not agrees:
             self.catchup.want_list(neighbour.key, neighbour.next_look_s(now_s + DOUBT_S))
         elif not self._sees_the_same(neighbour, now_s):
