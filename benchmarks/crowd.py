@@ -46,8 +46,8 @@ LIMIT_S = 300.0
 class Crowd:
     """The peers of one process."""
 
-    def __init__(self, process: int, count: int, of: int, endpoint: str) -> None:
-        self.process, self.of, self.endpoint = process, of, endpoint
+    def __init__(self, process: int, count: int, endpoint: str) -> None:
+        self.process, self.endpoint = process, endpoint
         self.names = [f"r{process}-{k}" for k in range(count)]
         self.peers: list[fleetmap.Peer] = []
         self.numbers: dict[str, set[int]] = {}
@@ -95,10 +95,8 @@ class Crowd:
 
     async def publishes(self, count: int, seconds: float) -> dict[str, int]:
         """So many publishes at any time; returns what was said because of them."""
-        before = self.said()
+        before, began_s = self.said(), time.monotonic()
         for at_s in sorted(self.rng.uniform(0, seconds) for _ in range(count)):
-            began_s = getattr(self, "_began_s", None) or time.monotonic()
-            self._began_s = began_s
             await asyncio.sleep(max(0.0, began_s + at_s - time.monotonic()))
             await self.grow(self.rng.choice(self.peers), 1)
         await asyncio.sleep(5.0)
@@ -144,7 +142,7 @@ class Processes:
         self.peers = processes * peers
         self._children = [
             subprocess.Popen(
-                [sys.executable, __file__, "--inside", str(k), str(peers), str(self.peers), endpoint],
+                [sys.executable, __file__, "--inside", str(k), str(peers), endpoint],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -225,11 +223,11 @@ def main() -> None:
     parser.add_argument("--publishes", type=int, default=150)
     parser.add_argument("--tiny", action="store_true", help="two processes with two peers, for a few seconds")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--inside", nargs=4, help=argparse.SUPPRESS)
+    parser.add_argument("--inside", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
-        process, count, of, endpoint = options.inside
-        asyncio.run(_inside(int(process), int(count), int(of), endpoint))
+        process, count, endpoint = options.inside
+        asyncio.run(_inside(int(process), int(count), endpoint))
         return
     if options.tiny:
         options.processes, options.peers, options.idle_s, options.publishes = 2, 2, 2.0, 4
@@ -238,8 +236,8 @@ def main() -> None:
     print(json.dumps(found, indent=None if options.json else 1))
 
 
-async def _inside(process: int, count: int, of: int, endpoint: str) -> None:
-    await Crowd(process, count, of, endpoint).obey()
+async def _inside(process: int, count: int, endpoint: str) -> None:
+    await Crowd(process, count, endpoint).obey()
 
 
 if __name__ == "__main__":

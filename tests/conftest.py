@@ -5,11 +5,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zenoh
 from hypothesis import settings
 
 from fleetmap.model.grid import OccupancyGrid
@@ -18,6 +20,7 @@ from fleetmap.model.kernel_compiler import compile_ahead
 from fleetmap.model.lattice import FREE, OCCUPIED, UNKNOWN
 from fleetmap.model.map_server import save_map
 from fleetmap.model.pose import Pose2
+from fleetmap.peer.ports import free_port
 
 # A shell that runs the tests in the background has its children ignore Ctrl-C; those that test it must not.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -86,6 +89,19 @@ def map_folder(tmp_path):
     """A folder with ``map.yaml``: two rooms with a door."""
     save_map(two_rooms(), tmp_path / "map.yaml")
     return tmp_path
+
+
+@pytest.fixture
+def router() -> Iterator[str]:
+    """The endpoint of a router that tells peers nothing of each other."""
+    endpoint = f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
+    config = zenoh.Config()
+    settings = {"mode": '"router"', "listen/endpoints": f'["{endpoint}"]', "scouting/multicast/enabled": "false"}
+    for key, value in {**settings, "scouting/gossip/enabled": "false"}.items():
+        config.insert_json5(key, value)
+    session = zenoh.open(config)
+    yield endpoint
+    session.close()
 
 
 def real_maps():

@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import msgpack
 import pytest
-import zenoh
 from attacks import Stranger
 from conftest import two_rooms
 
@@ -28,17 +26,6 @@ def free_endpoint() -> str:
 @pytest.fixture
 def endpoint() -> str:
     return free_endpoint()
-
-
-@pytest.fixture
-def router(endpoint: str) -> Iterator[str]:
-    config = zenoh.Config()
-    settings = {"mode": '"router"', "listen/endpoints": f'["{endpoint}"]', "scouting/multicast/enabled": "false"}
-    for key, value in {**settings, "scouting/gossip/enabled": "false"}.items():
-        config.insert_json5(key, value)
-    session = zenoh.open(config)
-    yield endpoint
-    session.close()
 
 
 async def doctor(*arguments: str) -> tuple[int, str, str]:

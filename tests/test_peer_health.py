@@ -6,11 +6,10 @@ import asyncio
 import logging
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import msgpack
 import pytest
-import zenoh
 from attacks import Stranger
 from conftest import two_rooms
 
@@ -27,18 +26,6 @@ PLACE = {"fleet": "sick", "profile": "local", "start": Pose2()}
 @pytest.fixture
 def endpoint() -> str:
     return f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
-
-
-@pytest.fixture
-def router(endpoint: str) -> Iterator[str]:
-    """A router that tells peers nothing of each other."""
-    config = zenoh.Config()
-    settings = {"mode": '"router"', "listen/endpoints": f'["{endpoint}"]', "scouting/multicast/enabled": "false"}
-    for key, value in {**settings, "scouting/gossip/enabled": "false"}.items():
-        config.insert_json5(key, value)
-    session = zenoh.open(config)
-    yield endpoint
-    session.close()
 
 
 async def told(peer: fleetmap.Peer, kind: str, caplog: pytest.LogCaptureFixture, timeout_factor: float) -> str:

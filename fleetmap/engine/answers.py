@@ -58,9 +58,8 @@ class Answers:
 
     def _list(self, payload: bytes) -> list[bytes]:
         asked = envelope.decode(payload, robot="?") if payload else None
-        index = self._holdings.index()
         if isinstance(asked, Ranges):
-            return [envelope.encode(Ranges(tuple(index.answer(asked.ranges))))]
+            return [envelope.encode(Ranges(tuple(self._holdings.index().answer(asked.ranges))))]
         state = self._state()
         replies: list[Message] = []
         same = isinstance(asked, Heartbeat) and asked.held == state.held
@@ -68,9 +67,10 @@ class Answers:
             replies.append(state)
         if not same:
             streams = self._holdings.streams()
-            short = len(streams) <= SHORT_LIST
-            listed = RevisionList(tuple((s.robot, s.revision) for s in streams))
-            replies.append(listed if short else Ranges(tuple(index.describe())))
+            if len(streams) <= SHORT_LIST:
+                replies.append(RevisionList(tuple((s.robot, s.revision) for s in streams)))
+            else:
+                replies.append(Ranges(tuple(self._holdings.index().describe())))
         if isinstance(asked, Heartbeat) and asked.alive != state.alive:
             replies.append(Living(tuple(self._neighbours.living(self._holdings.own.key))))
         return [envelope.encode(message) for message in replies]

@@ -458,8 +458,9 @@ class Engine:
             self._moved(step)
         match outcome:
             case Outcome.APPLIED:
-                if not by_author and speaker not in {way.via for way in self.listening.ways.values()}:
-                    self._voice.stir()
+                way = self.listening.ways.get(key)
+                if not by_author and (way is None or way.via != speaker):
+                    self._voice.stir()  # by a mirror: others may lack it, too
                 if not self._asking.behind(key):
                     self._asking.catchup.settled(key)
             case Outcome.EARLY:

@@ -43,6 +43,13 @@ def is_endpoint(endpoint: object) -> bool:
     return _fault(endpoint, free_port=True) is None
 
 
+def split(endpoint: str) -> tuple[str, str, int]:
+    """Protocol, host (without the brackets of IPv6) and port of an endpoint."""
+    protocol, _, address = endpoint.partition("/")
+    host, _, port = address.split("?")[0].split("#")[0].rpartition(":")
+    return protocol, host.strip("[]"), int(port)
+
+
 def _fault(endpoint: object, *, free_port: bool) -> str | None:
     """What is wrong with an endpoint."""
     if not isinstance(endpoint, str):

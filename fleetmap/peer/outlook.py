@@ -8,10 +8,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 
 from fleetmap.model.threads import in_thread
+from fleetmap.peer.endpoints import split
 from fleetmap.peer.health import Problem, behind_router, other_fleets, unreachable
 from fleetmap.peer.link import Network
 from fleetmap.peer.ports import is_local
-from fleetmap.peer.probe import Visit, split, why_not
+from fleetmap.peer.probe import Visit, why_not
 
 ALONE_S, COMING_S, LOOK_S = 1.5, 2.8, 10.0
 """After so long without any link it is found out why; that no reason is found isn't told before a link that is just

@@ -597,14 +597,18 @@ class Peer:
     async def _look_after(self) -> None:
         """Notice what is wrong, and tell of it in the log, a line once until it is over."""
         told: set[tuple[str, str]] = set()
+        failed = False
         while True:
             await asyncio.sleep(HEALTH_S)
             heard = await self._read(self._engine.addresses)
             before = self._network
             try:
                 self._network = await self._link.look(self._engine.living() - {self.robot}, heard)
+                failed = False
             except Exception:  # to be told what is wrong is no reason to end
-                logger.exception("%s: what is wrong with the network could not be found out", self.robot)
+                if not failed:
+                    logger.exception("%s: what is wrong with the network could not be found out", self.robot)
+                failed = True
             if self._network.addresses != before.addresses:
                 await self._run(self._engine.set_addresses, self._network.addresses)
             found = {(problem.kind, problem.robot): problem.text for problem in self.health()}

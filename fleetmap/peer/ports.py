@@ -6,6 +6,7 @@ import errno
 import socket
 
 from fleetmap.model.errors import LinkError
+from fleetmap.peer.endpoints import split
 
 
 def is_free(host: str, port: int) -> bool:
@@ -31,6 +32,16 @@ def free_port(host: str) -> int:
         except OSError as error:
             raise LinkError(endpoint=f"tcp/{host}:0", reason=str(error)) from None
         return int(probe.getsockname()[1])
+
+
+def at_free_port(endpoint: str) -> str:
+    """An endpoint with a port that is free now instead of port 0."""
+    protocol, host, port = split(endpoint)
+    if port:
+        return endpoint
+    shown = f"[{host}]" if ":" in host else host
+    end = endpoint.index(":0", endpoint.index(host) + len(host))
+    return f"{protocol}/{shown}:{free_port(shown)}{endpoint[end + 2 :]}"
 
 
 def is_local(host: str) -> bool:

@@ -12,6 +12,7 @@ from typing import Self
 import zenoh
 
 from fleetmap.peer import endings
+from fleetmap.peer.endpoints import split
 from fleetmap.peer.keys import living_keys, parse_token, zenoh_config
 from fleetmap.peer.settings import leaves
 
@@ -92,13 +93,6 @@ class Visit:
             if session is not None:
                 session.close()  # type: ignore[no-untyped-call]
         endings.closed(self)
-
-
-def split(endpoint: str) -> tuple[str, str, int]:
-    """Protocol, host and port."""
-    protocol, _, address = endpoint.partition("/")
-    host, _, port = address.split("?")[0].split("#")[0].rpartition(":")
-    return protocol, host.strip("[]"), int(port)
 
 
 def _why_no_tls(connection: socket.socket, host: str, port: int, tls: Mapping[str, object]) -> str | None:

@@ -24,12 +24,11 @@ from fleetmap.engine import RELAY_S, Alive, Foreign, Gone, Message, Query
 from fleetmap.model.errors import LinkError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer import endings
-from fleetmap.peer.endpoints import is_endpoint
+from fleetmap.peer.endpoints import is_endpoint, split
 from fleetmap.peer.keys import direct, living_keys, parse_key, parse_token, robot_of_token, zenoh_config
 from fleetmap.peer.link import Network, Receiver, Token
 from fleetmap.peer.outlook import Outlook
-from fleetmap.peer.ports import free_port
-from fleetmap.peer.probe import split
+from fleetmap.peer.ports import at_free_port
 from fleetmap.peer.profiles import zenoh_settings
 
 # The stubs of zenoh 1.10 mark optional arguments as required, and leave some methods without types.
@@ -363,7 +362,7 @@ class ZenohLink:
             endpoints = []
         free = any(split(each)[2] == 0 for each in endpoints)
         for left in reversed(range(TRIES if free else 1)):
-            self._listening = [_at_free_port(each) for each in endpoints]
+            self._listening = [at_free_port(each) for each in endpoints]
             try:
                 return zenoh.open(self._config())
             except zenoh.ZError:
@@ -422,13 +421,3 @@ class Publisher(Declared, Protocol):
 
     def put(self, payload: bytes) -> None:
         """Publish."""
-
-
-def _at_free_port(endpoint: str) -> str:
-    """An endpoint with a port that is free now instead of port 0."""
-    protocol, host, port = split(endpoint)
-    if port:
-        return endpoint
-    shown = f"[{host}]" if ":" in host else host
-    end = endpoint.index(":0", endpoint.index(host) + len(host))
-    return f"{protocol}/{shown}:{free_port(shown)}{endpoint[end + 2 :]}"
