@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from fleetmap.accounting import Stats
 from fleetmap.model.checks import check_number
 from fleetmap.model.errors import LinkError
-from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.grid_like import GridLike
 from fleetmap.model.interrupts import interrupts_later
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
@@ -79,8 +79,10 @@ class SyncPeer:
 
     def publish(
         self,
-        source: OccupancyGrid | VectorMap,
+        source: GridLike | VectorMap,
         *,
+        resolution_m: float | None = None,
+        origin: Pose2 | None = None,
         submap: str = "0",
         anchor: Pose2 | None = None,
         supersedes: bool = False,
@@ -91,6 +93,8 @@ class SyncPeer:
         return self._run(
             lambda: self._peer.publish(
                 source,
+                resolution_m=resolution_m,
+                origin=origin,
                 submap=submap,
                 anchor=anchor,
                 supersedes=supersedes,

@@ -128,9 +128,11 @@ def test_a_setting_that_zenoh_does_not_take_is_named_when_joining(config, named)
 
 
 CALLS = [
-    (lambda p: p.publish(CELLS), r"OccupancyGrid or VectorMap; found ndarray: OccupancyGrid\(cells_yx, resolution_m\)"),
-    (lambda p: p.publish(None), "OccupancyGrid or VectorMap; found NoneType"),
-    (lambda p: p.publish("map.yaml"), "OccupancyGrid or VectorMap; found str"),
+    (lambda p: p.publish(CELLS), "resolution_m=None: expected metres a cell beside an array"),
+    (lambda p: p.publish(None), "source='NoneType': expected a fleetmap.OccupancyGrid, a message like"),
+    (lambda p: p.publish(CELLS, resolution_m=0.05, origin=(0, 0, 0)), "origin=.*expected Pose2"),
+    (lambda p: p.publish(two_rooms(), resolution_m=0.05), "resolution_m=.*goes with an array only"),
+    (lambda p: p.publish(vectorize(two_rooms()), resolution_m=0.05), "resolution_m=0.05: is for grids"),
     (lambda p: p.publish(MergedMap(np.zeros((0, 8), np.int32))), "merged map is never published"),
     (lambda p: p.publish(two_rooms(), submap=3), "submap=3"),
     (lambda p: p.publish(two_rooms(), anchor=(0, 0, 0)), "anchor=.*expected Pose2"),

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from fleetmap.cli.output import AsJson, print_json, progress
-from fleetmap.model.errors import ConfigError
 
 
 def doctor(
@@ -38,9 +36,10 @@ def doctor(
     import asyncio
 
     from fleetmap.peer.doctor import examine
+    from fleetmap.peer.settings import read_config
 
     profile = "local" if no_multicast_scouting else "lan"
-    settings = None if config is None else _read(config)
+    settings = None if config is None else read_config(config)
     with progress(f"looking for robots of fleet {fleet}") as tell:
         tell(", ".join(connect or ()) or "by multicast")
         found = asyncio.run(
@@ -74,13 +73,3 @@ def _print(document: dict[str, Any]) -> None:
         typer.echo(f"problem: {problem['text']}")
     if not document["problems"]:
         typer.echo("no problem found")
-
-
-def _read(path: Path) -> dict[str, object]:
-    try:
-        settings = json.loads(path.read_text())
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ConfigError(option="config", value=str(path), reason=f"can't be read as JSON: {error}") from None
-    if not isinstance(settings, dict):
-        raise ConfigError(option="config", value=str(path), reason="expected an object of Zenoh's keys -> values")
-    return settings

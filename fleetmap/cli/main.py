@@ -17,6 +17,7 @@ import typer
 from rich.markup import escape
 
 from fleetmap.__main__ import main as main
+from fleetmap.cli.bridge import bridge
 from fleetmap.cli.compare import compare
 from fleetmap.cli.compiling import CompilingShown
 from fleetmap.cli.doctor import doctor
@@ -40,6 +41,7 @@ app = typer.Typer(
 )
 for command in (sim, stats, doctor, vectorize, rasterize, compare, paper, warmup):
     app.command()(command)
+app.add_typer(bridge, name="bridge")
 
 # typer keeps its exceptions in a copy of click of its own: reach them through the public name it exports.
 _UsageError = typer.BadParameter.__mro__[1]

@@ -40,11 +40,12 @@ from fleetmap.engine.view import View, view
 from fleetmap.model.checks import check_count, check_number, check_type, check_xy
 from fleetmap.model.errors import ConfigError, FleetmapError, LinkError, NameInUse, NoPath
 from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.grid_like import GridLike, as_grid
 from fleetmap.model.kernel_cache import AGENT, modules_of
 from fleetmap.model.kernel_compiler import compile_in_thread
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
-from fleetmap.model.threads import ProcessEnds, Worker, may_be_dropped
+from fleetmap.model.threads import ProcessEnds, Worker, in_thread, may_be_dropped
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.figures import own_figures
@@ -78,7 +79,6 @@ NOT_OPEN = {
     "closed": "the peer is closed: join again",
     "forked": "the peer is in the process that this one was forked from: no thread of it runs here",
 }
-_HOW_TO_PUBLISH = "OccupancyGrid(cells_yx, resolution_m) makes one of an array; a merged map is never published again"
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -203,8 +203,10 @@ class Peer:
 
     async def publish(
         self,
-        source: OccupancyGrid | VectorMap,
+        source: GridLike | VectorMap,
         *,
+        resolution_m: float | None = None,
+        origin: Pose2 | None = None,
         submap: str = "0",
         anchor: Pose2 | None = None,
         supersedes: bool = False,
@@ -215,7 +217,9 @@ class Peer:
 
         Parameters
         ----------
-        source : the submap as it is now
+        source : the submap as it is now: an ``OccupancyGrid``, anything shaped like ``nav_msgs/OccupancyGrid``, an
+            array (height, width) with ``resolution_m``, the path of a map_server YAML, or a ``VectorMap``
+        resolution_m, origin : of an array: metres a cell, and where the lower left corner of cell (0, 0) lies
         submap : its name, for robots that have several
         anchor : T_robot_submap; a correction of it resends no geometry
         supersedes : this map replaces what the own former lives said: they end with it, at every peer
@@ -238,15 +242,19 @@ class Peer:
         self._check()
         check_name("submap", submap)
         fixed = fixed_pose("anchor", anchor) or FixedPose()
-        if isinstance(source, OccupancyGrid):
-            source = source.with_thresholds(free_below=free_below, occupied_above=occupied_above)
-        else:
-            check_type("source", source, OccupancyGrid, VectorMap, hint=_HOW_TO_PUBLISH)
-            for option, value in (("free_below", free_below), ("occupied_above", occupied_above)):
+        if isinstance(source, VectorMap):
+            of_grids = {"free_below": free_below, "occupied_above": occupied_above, "resolution_m": resolution_m}
+            for option, value in {**of_grids, "origin": origin}.items():
                 if value is not None:
                     raise ConfigError(option=option, value=value, reason="is for grids; a vector map has states only")
+            given: OccupancyGrid | VectorMap = source
+        else:
+            read = partial(as_grid, source, resolution_m=resolution_m, origin=origin)
+            # An array is copied now: the caller may use it again as soon as this gives way.
+            grid = await in_thread(read) if isinstance(source, str | os.PathLike) else read()
+            given = grid.with_thresholds(free_below=free_below, occupied_above=occupied_above)
         return await self._publisher.publish(
-            submap, source, partial(self._run_publish, fixed, supersedes), clock=self._clock
+            submap, given, partial(self._run_publish, fixed, supersedes), clock=self._clock
         )
 
     async def set_pose(self, pose: Pose2) -> None:

@@ -47,6 +47,22 @@ def check_config(config: object) -> dict[str, object]:
     return dict(config)
 
 
+def read_config(path: str | Path) -> dict[str, object]:
+    """Settings from a JSON file.
+
+    Raises
+    ------
+    ConfigError : it can't be read, or holds no object
+    """
+    try:
+        settings = json.loads(Path(path).read_text())
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ConfigError(option="config", value=str(path), reason=f"can't be read as JSON: {error}") from None
+    if not isinstance(settings, dict):
+        raise ConfigError(option="config", value=str(path), reason="expected an object of Zenoh's keys -> values")
+    return settings
+
+
 def as_json5(value: object) -> str:
     """A setting as the JSON text that ``zenoh.Config.insert_json5`` expects; text stays as it is."""
     return value if isinstance(value, str) and value[:1] in '"[{' else json.dumps(value)
