@@ -20,7 +20,7 @@ from fleetmap.model.errors import LinkError
 from fleetmap.model.grid_like import GridLike
 from fleetmap.model.interrupts import interrupts_later
 from fleetmap.model.mergedmap import MergedMap
-from fleetmap.model.pose import Pose2
+from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
 from fleetmap.peer.health import Problem
@@ -84,7 +84,7 @@ class SyncPeer:
         resolution_m: float | None = None,
         origin: Pose2 | None = None,
         submap: str = "0",
-        anchor: Pose2 | None = None,
+        anchor: Pose2 | FixedPose | None = None,
         supersedes: bool = False,
         free_below: float | None = None,
         occupied_above: float | None = None,
@@ -111,7 +111,7 @@ class SyncPeer:
         """Announce where the robot is going, in its map frame; None: nowhere."""
         self._run(lambda: self._peer.set_goal(goal_xy))
 
-    def set_start(self, start: Pose2 | None) -> None:
+    def set_start(self, start: Pose2 | FixedPose | None) -> None:
         """Announce where the own map frame lies in the fleet's."""
         self._run(lambda: self._peer.set_start(start))
 

@@ -18,7 +18,9 @@ MAP_UPDATE = "map_msgs/msg/OccupancyGridUpdate"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 POSES = "geometry_msgs/msg/PoseArray"
+TEXT = "std_msgs/msg/String"
 TF = "tf2_msgs/msg/TFMessage"
+WHOLE_NUMBER = "std_msgs/msg/UInt64"
 
 HASHES = {
     CLOCK: "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
@@ -28,7 +30,9 @@ HASHES = {
     MARKERS: "RIHS01_86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf",
     POSE: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
     POSES: "RIHS01_af0cc36d190e104d546d168d6b39df04fa4b4ccecf59cb4c9ed328d3d5004aa0",
+    TEXT: "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18",
     TF: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+    WHOLE_NUMBER: "RIHS01_fbdc52018fc13755dce18024d1a671c856aa8b4aaf63adfb095b608f98e8c943",
 }
 """Type -> hash (REP 2011). Equal in Jazzy, Kilted and Lyrical; Humble has none."""
 

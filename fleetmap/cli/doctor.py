@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from fleetmap.cli.joining import Config, Connect, Listen, NoMulticast, profile, settings
 from fleetmap.cli.output import AsJson, print_json, progress
 
 
 def doctor(
     fleet: Annotated[str, typer.Option(metavar="NAME", help="The fleet to look for.")] = "default",
-    connect: Annotated[
-        list[str] | None, typer.Option(metavar="ENDPOINT", help="Where a robot listens, as tcp/10.0.0.2:7447.")
-    ] = None,
-    listen: Annotated[list[str] | None, typer.Option(metavar="ENDPOINT", help="Where others may connect.")] = None,
-    no_multicast_scouting: Annotated[
-        bool, typer.Option("--no-multicast-scouting", help="Find robots by --connect alone.")
-    ] = False,
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="JSON of the robots' config=, as for their certificates.")
-    ] = None,
+    connect: Connect = None,
+    listen: Listen = None,
+    no_multicast_scouting: NoMulticast = False,
+    config: Config = None,
     for_s: Annotated[float, typer.Option("--for-s", min=0.0, metavar="S", help="How long to look.")] = 4.0,
     as_json: AsJson = False,
 ) -> None:
@@ -36,14 +30,12 @@ def doctor(
     import asyncio
 
     from fleetmap.peer.doctor import examine
-    from fleetmap.peer.settings import read_config
 
-    profile = "local" if no_multicast_scouting else "lan"
-    settings = None if config is None else read_config(config)
+    found_by, further = profile(no_multicast_scouting), settings(config)
     with progress(f"looking for robots of fleet {fleet}") as tell:
         tell(", ".join(connect or ()) or "by multicast")
         found = asyncio.run(
-            examine(fleet, profile=profile, connect=connect or (), listen=listen or (), config=settings, for_s=for_s)
+            examine(fleet, profile=found_by, connect=connect or (), listen=listen or (), config=further, for_s=for_s)
         )
     document = {
         "fleet": fleet,

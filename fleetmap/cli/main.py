@@ -23,7 +23,9 @@ from fleetmap.cli.compiling import CompilingShown
 from fleetmap.cli.doctor import doctor
 from fleetmap.cli.output import CheckedOutput, OutputLost, print_json, stderr
 from fleetmap.cli.paper import paper
+from fleetmap.cli.play import play
 from fleetmap.cli.rasterize import rasterize
+from fleetmap.cli.record import record
 from fleetmap.cli.sim import sim
 from fleetmap.cli.stats import stats
 from fleetmap.cli.vectorize import vectorize
@@ -39,7 +41,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (sim, stats, doctor, vectorize, rasterize, compare, paper, warmup):
+for command in (sim, stats, doctor, record, play, vectorize, rasterize, compare, paper, warmup):
     app.command()(command)
 app.add_typer(bridge, name="bridge")
 

@@ -15,6 +15,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout.")]
@@ -64,6 +65,32 @@ def progress(title: str) -> Iterator[Callable[[str], None]]:
         finally:
             ended.set()
             ticker.join()
+
+
+@contextmanager
+def progress_bar(title: str, unit: str) -> Iterator[Callable[[int, int], None]]:
+    """Say on stderr how far the work is: a bar with the time that is left on a terminal, elsewhere a line now and then.
+
+    Yields
+    ------
+    tell : called with how many of how many are done
+    """
+    if stderr.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=stderr, transient=True) as bars:
+            task = bars.add_task(escape(title), total=None)
+            yield lambda done, total: bars.update(task, completed=done, total=total)
+        return
+    said_s = time.monotonic()
+
+    def tell(done: int, total: int) -> None:
+        nonlocal said_s
+        if time.monotonic() - said_s >= EVERY_S:
+            said_s = time.monotonic()
+            with suppress(OSError):  # what nobody can read is no reason to stop
+                stderr.print(f"{title}: {done:,} of {total:,} {unit}", markup=False, highlight=False, soft_wrap=True)
+
+    yield tell
 
 
 class OutputLost(Exception):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from fleetmap.cli.output import AsJson, print_json, print_table, stderr
 
 if TYPE_CHECKING:
     from fleetmap.sims import Progress, SimConfig
+    from fleetmap.sims.fleet import Beside
 
 
 USUAL = "tcp/127.0.0.1:7447"
@@ -47,6 +49,9 @@ def sim(
     range_noise: Annotated[float, typer.Option(min=0.0, max=0.5, help="Sigma of a range, metres.")] = 0.02,
     pose_noise: Annotated[float, typer.Option(min=0.0, max=0.5, help="Sigma of the believed pose, metres.")] = 0.01,
     radius: Annotated[float, typer.Option(min=0.05, max=2.0, help="Radius of a robot, metres.")] = 0.20,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE.mcap", help="Record the run, as `fleetmap record` does.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Launch a simulated fleet: robots explore, vectorize what they see, send deltas, and merge.
@@ -83,12 +88,15 @@ def sim(
         pose_noise_m=pose_noise,
         radius_m=radius,
     )
+    beside = None if record is None else _recording(record)
     compile_ahead(modules_of(*KERNELS))
     if stderr.is_terminal:
         with Live(console=stderr, refresh_per_second=4, transient=True) as live:
-            result = run_fleet(config, _telling(config, lambda progress: live.update(_progress_table(progress))))
+            result = run_fleet(
+                config, _telling(config, lambda progress: live.update(_progress_table(progress))), beside=beside
+            )
     else:
-        result = run_fleet(config, _telling(config, _PlainProgress()))
+        result = run_fleet(config, _telling(config, _PlainProgress()), beside=beside)
     document = result.document
     if as_json:
         print_json(document)
@@ -96,6 +104,19 @@ def sim(
         _print_summary(document, result.out)
     if not document["converged"]:
         raise typer.Exit(1)
+
+
+def _recording(path: Path) -> Beside:
+    """What writes the run into an MCAP file."""
+    from fleetmap.bridges.mcap_file import check_name
+    from fleetmap.bridges.recording import recording
+
+    check_name(path)
+
+    def beside(fleet: str, endpoint: str) -> AbstractAsyncContextManager[object]:
+        return recording(path, "recorder", fleet=fleet, connect=[endpoint], profile="local")
+
+    return beside
 
 
 def _telling(config: SimConfig, show: Callable[[Progress], None]) -> Callable[[Progress], None]:

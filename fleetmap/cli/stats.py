@@ -15,7 +15,7 @@ from fleetmap.model.errors import ConfigError, MapFormatError
 def stats(
     inputs: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="MAP.yaml... | RUN", help="map_server maps, or one run folder of `sim`."),
+        typer.Argument(metavar="MAP.yaml... | BAG... | RUN", help="map_server maps, bags, or one run folder of `sim`."),
     ] = None,
     fleet: Annotated[str | None, typer.Option(metavar="NAME", help="Watch this fleet, without being in it.")] = None,
     connect: Annotated[
@@ -30,9 +30,17 @@ def stats(
     for_s: Annotated[
         float | None, typer.Option("--for-s", min=0.0, metavar="S", help="With --fleet: so long; else until Ctrl-C.")
     ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Of a bag: this topic of grids; else all of them.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Of a bag: write report.html here.")] = None,
+    free_below: Annotated[float | None, typer.Option(metavar="PERCENT", help="Of a bag: cells below are free.")] = None,
+    occupied_above: Annotated[
+        float | None, typer.Option(metavar="PERCENT", help="Of a bag: cells above are occupied.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the size of vector maps with that of compressed grids: per map, over a finished run, or of a live fleet.
+    """Compare the size of vector maps with that of compressed grids: of maps, bags, a finished run, or a live fleet.
 
     For maps: bytes of each codec, how many times less that is than gzip -9 of the grid, and than the best
     grid codec for the same content: of a lossy row, for the grid that is drawn of it. Vector rows are lossy,
@@ -41,6 +49,12 @@ def stats(
     the rows behind `vector` are the lines of that map in other formats. Times are CPU time.
 
     For instance:  fleetmap stats maps/*.yaml
+
+    For bags (a folder of ros2 bag, .mcap, .db3, or .bag of ROS 1): what each topic of nav_msgs/OccupancyGrid and its
+    `_updates` took, and what the same maps would have taken as vectors, as whole gzipped grids and as gzipped
+    rectangles, over time; `--out` draws it.
+
+    For instance:  fleetmap stats rosbag2_2026_03_01-10_00_00 --out judged
 
     For a run: what all robots sent, and what grids would have cost at the same publishes, to one receiver: as
     payload, and on an IP link, where all sides carry poses, goals, heartbeats and keep-alives, too. kbps is the
@@ -62,6 +76,19 @@ def stats(
     if any(value is not None for value in (connect, listen, for_s)) or no_multicast_scouting:
         raise ConfigError(option="fleet", value=fleet, reason="--connect, --listen and --for-s go with --fleet")
     assert inputs is not None
+    from fleetmap.bridges.bags import is_bag
+
+    bags = [path for path in inputs if is_bag(path)]
+    if bags:
+        if len(bags) < len(inputs):
+            raise ConfigError(option="inputs", value=str(inputs[0]), reason="bags go without maps and runs")
+        if out is not None and len(bags) > 1:
+            raise ConfigError(option="out", value=str(out), reason="is for one bag")
+        _bags(bags, topic or [], out, free_below, occupied_above, as_json)
+        return
+    if any(value is not None for value in (topic, out, free_below, occupied_above)):
+        reason = "--topic, --out, --free-below and --occupied-above go with bags"
+        raise ConfigError(option="topic", value=topic, reason=reason)
     if len(inputs) == 1 and inputs[0].is_dir():
         document = _run_stats(inputs[0])
         if as_json:
@@ -89,6 +116,29 @@ def stats(
     elif len(documents) > 1:
         rows = [[name, f"{ratio:.2f}", f"{same[name]:.2f}"] for name, ratio in medians.items()]
         print_table(f"median of {len(documents)} maps", ["codec", "x below gzip -9", "x below best grid"], rows)
+
+
+def _bags(
+    bags: list[Path],
+    topics: list[str],
+    out: Path | None,
+    free_below: float | None,
+    occupied_above: float | None,
+    as_json: bool,
+) -> None:
+    from fleetmap.bridges.bag_stats import Thresholds
+    from fleetmap.cli.bag_stats import bag_document, print_bag
+
+    documents = []
+    for path in bags:
+        thresholds = Thresholds(free_below, occupied_above)
+        documents.append(bag_document(path, topics=topics, thresholds=thresholds, out=out))
+        if not as_json:
+            print_bag(documents[-1])
+            if out is not None:
+                typer.echo(f"report: {documents[-1]['report']}")
+    if as_json:
+        print_json({"bags": documents})
 
 
 def _watch(fleet: str, connect: list[str], listen: list[str], profile: str, for_s: float | None, as_json: bool) -> None:

@@ -21,7 +21,7 @@ from fleetmap.engine.outputs import (
     Put,
 )
 from fleetmap.engine.relays import RELAY_S
-from fleetmap.engine.stream import Limits, Stream
+from fleetmap.engine.stream import Limits, Stream, advance
 
 __all__ = [
     "RELAY_S",
@@ -47,4 +47,5 @@ __all__ = [
     "ReplyEnd",
     "Replying",
     "Stream",
+    "advance",
 ]

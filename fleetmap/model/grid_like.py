@@ -128,7 +128,7 @@ def pose_of(pose: Any, field: str = "pose") -> Pose2:
 def rounded(resolution_m: float) -> float:
     """The number that was meant: the message has it as float32, in which 0.05 is 0.0500000007."""
     single = np.float32(resolution_m)
-    return float(str(single)) if single == resolution_m else resolution_m
+    return float(str(single)) if float(single) == resolution_m else resolution_m
 
 
 def as_nav2_reads(cells: NDArray[np.int8]) -> NDArray[np.int8]:

@@ -35,7 +35,8 @@ class JoinOptions:
     fleet : robots of one fleet share their maps
     level : storey; frames of different levels are never merged
     start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
-        is unknown. Whether the maps of the others are near is checked when this robot publishes
+        is unknown; a ``FixedPose`` counts to the last bit. Whether the maps of the others are near is checked when this
+        robot publishes
     connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
     profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone; ``narrow``, for slow
         radios, too, and says as little as it can while nothing changes
@@ -63,7 +64,7 @@ class JoinOptions:
     _: KW_ONLY
     fleet: str = "default"
     level: str = "0"
-    start: Pose2 | None = None
+    start: Pose2 | FixedPose | None = None
     connect: Sequence[str] = ()
     listen: Sequence[str] = ()
     profile: str = "lan"
@@ -108,8 +109,10 @@ class JoinOptions:
             raise ConfigError(option="link", value=self.link, reason=reason)
 
 
-def fixed_pose(option: str, pose: Pose2 | None) -> FixedPose | None:
-    """The pose in whole numbers; ConfigError if it is none."""
+def fixed_pose(option: str, pose: Pose2 | FixedPose | None) -> FixedPose | None:
+    """The pose in whole numbers; ConfigError if it is none. One that is in whole numbers stays as it is."""
+    if isinstance(pose, FixedPose):
+        return pose
     return None if pose is None else FixedPose.from_pose(check_type(option, pose, Pose2, hint=HOW_TO_POSE))
 
 

@@ -33,6 +33,7 @@ from fleetmap.engine import (
     Put,
     Reply,
     ReplyEnd,
+    Stream,
 )
 from fleetmap.engine.neighbours import MAX_NEIGHBOURS
 from fleetmap.engine.quota import Quota
@@ -208,7 +209,7 @@ class Peer:
         resolution_m: float | None = None,
         origin: Pose2 | None = None,
         submap: str = "0",
-        anchor: Pose2 | None = None,
+        anchor: Pose2 | FixedPose | None = None,
         supersedes: bool = False,
         free_below: float | None = None,
         occupied_above: float | None = None,
@@ -269,7 +270,7 @@ class Peer:
         goal_xy = None if goal_xy is None else check_xy("goal_xy", goal_xy)
         await self._run(self._engine.set_goal, goal_xy)
 
-    async def set_start(self, start: Pose2 | None) -> None:
+    async def set_start(self, start: Pose2 | FixedPose | None) -> None:
         """Announce where the own map frame lies in the fleet's.
 
         Raises
@@ -333,6 +334,12 @@ class Peer:
         Of the life that runs, or of an absent robot the one with the most edges.
         """
         return maps_of(self._engine)
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """All that is held of all robots and the own one, life by life, as values that never change."""
+        held = {stream.key: stream for stream in (*self._engine.holdings.streams(), self._engine.own)}
+        return tuple(stream for _, stream in sorted(held.items()))
 
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
         """Living robots with the pose and the goal that they announced last.

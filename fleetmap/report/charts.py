@@ -26,7 +26,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Some curves over simulated seconds."""
+    """Some curves over seconds."""
 
     title: str
     unit: str
@@ -34,7 +34,7 @@ class Chart:
     logarithmic: bool = False
 
 
-def chart_svg(chart: Chart) -> str:
+def chart_svg(chart: Chart, time_label: str = "simulated s") -> str:
     """The chart as an ``<svg>`` element, with a legend."""
     points = [p for curve in chart.curves for p in curve.points if p[1] > 0 or not chart.logarithmic]
     x_most = max((x for x, _ in points), default=1.0) or 1.0
@@ -60,7 +60,9 @@ def chart_svg(chart: Chart) -> str:
     for x in x_ticks:
         across, _ = place(x, y_ticks[0])
         parts.append(f'<text class="tick" x="{across:.1f}" y="{HEIGHT - 14}" text-anchor="middle">{number(x)}</text>')
-    parts.append(f'<text class="tick" x="{WIDTH - RIGHT}" y="{HEIGHT - 1}" text-anchor="end">simulated s</text>')
+    parts.append(
+        f'<text class="tick" x="{WIDTH - RIGHT}" y="{HEIGHT - 1}" text-anchor="end">{escape(time_label)}</text>'
+    )
     for curve in chart.curves:
         drawn = [place(x, y) for x, y in thinned(curve.points) if y > 0 or not chart.logarithmic]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in drawn)

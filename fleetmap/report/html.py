@@ -46,6 +46,7 @@ SIZES = (
     "poses, goals and heartbeats count on all sides"
 )
 """What the table of sizes means."""
+TRAILS = "; a ring is a start, a disc an end, a cross where a robot was lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,7 @@ class Report:
     table : header and rows
     sizes : header and rows: payload and wire
     notes : what a reader must not miss, such as robots that were lost
+    map_title, sizes_about, time_label : words above the picture and the sizes, and under the charts
     """
 
     title: str
@@ -72,6 +74,9 @@ class Report:
     table: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
     sizes: tuple[tuple[str, ...], ...] = ()
+    map_title: str = "The merged map and the robots' paths"
+    sizes_about: str = SIZES
+    time_label: str = "simulated s"
 
 
 def write_report(report: Report, path: Path) -> None:
@@ -86,13 +91,16 @@ def render(report: Report) -> str:
         f'<div class="soft">{escape(about)}</div></div>'
         for name, value, about in report.tiles
     )
-    sizes = f'<section class="card"><h2>Bytes</h2><p class="soft">{SIZES}</p>{table(report.sizes)}</section>'
+    about_sizes = f'<p class="soft">{escape(report.sizes_about)}</p>'
+    sizes = f'<section class="card"><h2>Bytes</h2>{about_sizes}{table(report.sizes)}</section>'
     notes = "".join(f'<p class="note">{escape(note)}</p>' for note in report.notes)
     charts = "".join(
         f'<section class="card"><h2>{escape(chart.title)}</h2><p class="soft">{escape(chart.unit)}</p>'
-        f"{chart_svg(chart)}</section>"
+        f"{chart_svg(chart, report.time_label)}</section>"
         for chart in report.charts
     )
+    robots = f'<section class="card"><h2>Robots</h2>{table(report.table)}</section>' if report.table else ""
+    trail_words = TRAILS if report.trails else ""
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -108,14 +116,13 @@ def render(report: Report) -> str:
 <p class="soft">{escape(report.subtitle)}</p>
 <div class="tiles">{tiles}</div>
 {notes}
-<section class="card map"><h2>The merged map and the robots' paths</h2>
-<p class="soft">white: free floor; dark: walls; grey: unknown; orange: frontiers that are left; a ring is a start, \
-a disc an end, a cross where a robot was lost</p>
+<section class="card map"><h2>{escape(report.map_title)}</h2>
+<p class="soft">white: free floor; dark: walls; grey: unknown; orange: frontiers that are left{trail_words}</p>
 {picture(report)}
 <ul class="legend">{trail_legend(report.trails)}</ul></section>
 <div class="pair">{charts}</div>
 {sizes if report.sizes else ""}
-<section class="card"><h2>Robots</h2>{table(report.table)}</section>
+{robots}
 </main>
 </body>
 </html>

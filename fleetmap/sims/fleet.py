@@ -7,7 +7,7 @@ import secrets
 import tempfile
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 
@@ -48,12 +48,19 @@ IDLE_ROUNDS = 2
 NOTHING: Callable[[Progress], None] = lambda _: None  # noqa: E731 - a default that does nothing
 
 
-def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHING) -> SimResult:
+Beside = Callable[[str, str], AbstractAsyncContextManager[object]]
+"""Of a fleet's name and its endpoint: what goes on beside it, as a recorder."""
+
+
+def run_fleet(
+    config: SimConfig, on_progress: Callable[[Progress], None] = NOTHING, *, beside: Beside | None = None
+) -> SimResult:
     """Run a simulated fleet and leave the run folder ``config.out``.
 
     Parameters
     ----------
     on_progress : called after each round, when the phase changes, and each 4 s
+    beside : entered when the robots have started, and left before they end
 
     Raises
     ------
@@ -61,7 +68,7 @@ def run_fleet(config: SimConfig, on_progress: Callable[[Progress], None] = NOTHI
     LinkError : the fleet has no place to meet, or no robot process came up
     KeyboardInterrupt : after all processes have ended
     """
-    return asyncio.run(_run(config, on_progress))
+    return asyncio.run(_run(config, on_progress, beside or (lambda fleet, endpoint: nullcontext())))
 
 
 def _keep_world(config: SimConfig) -> None:
@@ -89,7 +96,7 @@ def _listen(config: SimConfig) -> str | None:
     return usual if config.listen is None and config.fleet is not None else config.listen
 
 
-async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> SimResult:
+async def _run(config: SimConfig, on_progress: Callable[[Progress], None], beside: Beside) -> SimResult:
     began_s = time.monotonic()
     _keep_world(config)
     world = make_world(config.world, size_m=config.size_m, seed=config.seed)
@@ -122,10 +129,11 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None]) -> Si
             run.fleet = name_fleet(config, meeting)
             tell("starting")
             await _start(run, crew, Path(scratch), meeting)
-            tell("exploring")
-            await _explore(run, crew, tell)
-            tell("converging")
-            await _converge(run, crew)
+            async with beside(run.fleet, meeting.connect):
+                tell("exploring")
+                await _explore(run, crew, tell)
+                tell("converging")
+                await _converge(run, crew)
             run.duration_s = time.monotonic() - began_s
             folder = Path(scratch)
             written = await crew.ask(lambda member: {"write": str(folder / f"{member.robot}.fmap")})
