@@ -2,8 +2,8 @@
 
 - ``/map``, the merged map, and ``/fleet_walls``, its lines, in the frame ``fleet``;
 - ``/tf``, where each robot's map and base lie;
-- ``/fleetmap/records``, as JSON in ``std_msgs/String``: the records that lead from one revision of a robot's stream to the
-  next, from which ``fleetmap play`` makes the same fleet again;
+- ``/fleetmap/records``, as JSON in ``std_msgs/String``: the records between revisions of a robot's stream, of which
+  ``fleetmap play`` makes the same fleet again;
 - ``/fleetmap/bytes``, as JSON, too: what each robot has counted; and of it, for plots, ``/fleetmap/bytes_sent/_ROBOT``.
 """
 
