@@ -182,8 +182,8 @@ def judge(
                     told = connection.recv()
                 except EOFError:
                     raise MapFormatError(path=path, field="messages", reason=f"the process for {side} ended") from None
-                if isinstance(told, BaseException):
-                    raise told
+                if isinstance(told, str):
+                    raise MapFormatError(path=path, field="messages", reason=told)
                 if isinstance(told, int):
                     done[side] = told
                     on_progress(sum(done.values()), total)
@@ -215,7 +215,7 @@ def _work(told: Connection, side: str, path: Path, wanted: dict[str, str], thres
     try:
         told.send(_costs(path, wanted, SIDES[side], thresholds, told.send))
     except FleetmapError as error:
-        told.send(MapFormatError(path=path, field="messages", reason=str(error)))
+        told.send(error.reason if isinstance(error, MapFormatError) else str(error))
     except BrokenPipeError:
         return
 

@@ -10,6 +10,8 @@ _PART = "[A-Za-z_][A-Za-z0-9_]*"
 TOPIC = re.compile(rf"(/|~/)?{_PART}(/{_PART})*")
 NAMESPACE = re.compile(rf"/|(/?{_PART})(/{_PART})*")
 NODE = re.compile(_PART)
+MAX_TOPIC = 247
+"""Characters of a topic (RMW_TOPIC_MAX_NAME_LENGTH)."""
 HOW = "parts of A-Z a-z 0-9 _ that begin with no digit, and / between them"
 
 
@@ -22,7 +24,7 @@ def check_topic(option: str, value: object, *, may_be_empty: bool = False) -> st
     """
     if value == "" and may_be_empty:
         return ""
-    if not isinstance(value, str) or not TOPIC.fullmatch(value):
+    if not isinstance(value, str) or not TOPIC.fullmatch(value) or len(value) > MAX_TOPIC:
         raise ConfigError(option=option, value=value, reason=f"expected a topic, as map or /r1/map: {HOW}")
     return value
 

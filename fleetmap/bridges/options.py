@@ -17,7 +17,8 @@ from fleetmap.bridges.rmw_zenoh import RmwZenoh
 from fleetmap.bridges.ros2dds import Ros2Dds
 from fleetmap.model.checks import as_number, check_number
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.pose import Pose2
+from fleetmap.model.grid import check_thresholds
+from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.peer.endpoints import check_endpoints
 from fleetmap.peer.options import JoinOptions
 from fleetmap.peer.settings import read_config
@@ -96,9 +97,8 @@ class BridgeOptions:
             check_frame(name, getattr(self, name))
         check_frame("map_frame", self.map_frame, may_be_empty=True)
         check_number("resolution_m", self.resolution_m, expected="metres, or 0", fits=lambda m: m == 0 or m >= 0.005)
-        for name in ("fleet_map_updates", "publish_tf"):
-            if not isinstance(getattr(self, name), bool):
-                raise ConfigError(option=name, value=getattr(self, name), reason="expected true or false")
+        check_thresholds(self.free_below, self.occupied_above)
+        check_flags(self, "fleet_map_updates", "publish_tf")
 
     def join_options(self) -> JoinOptions:
         """What the robot joins the fleet with."""
@@ -144,6 +144,7 @@ class WireOptions:
         check_endpoints("ros_listen", [self.ros_listen] if self.ros_listen else [])
         check_namespace("namespace", self.namespace)
         check_node("node", self.node)
+        check_flags(self, "humble", "use_sim_time")
         self.dialect()
 
     def dialect(self) -> Dialect:
@@ -153,6 +154,18 @@ class WireOptions:
         return RmwZenoh(_domain(self.domain), humble=self.humble)
 
 
+def check_flags(options: object, *names: str) -> None:
+    """Refuse what is neither true nor false.
+
+    Raises
+    ------
+    ConfigError : names it
+    """
+    for name in names:
+        if not isinstance(getattr(options, name), bool):
+            raise ConfigError(option=name, value=getattr(options, name), reason="expected true or false")
+
+
 def parse_start(start: str | Sequence[float]) -> Pose2 | None:
     """X,Y,YAW as text or numbers; None if there are none.
 
@@ -160,7 +173,10 @@ def parse_start(start: str | Sequence[float]) -> Pose2 | None:
     ------
     ConfigError : these are not three numbers
     """
-    parts: list[object] = [p.strip() for p in start.split(",")] if isinstance(start, str) else list(start)
+    listed: object = start.split(",") if isinstance(start, str) else start
+    if not isinstance(listed, Sequence):
+        raise ConfigError(option="start", value=start, reason=HOW_TO_START)
+    parts: list[object] = [part.strip() if isinstance(part, str) else part for part in listed]
     if parts in ([], [""]):
         return None
     numbers = []
@@ -173,7 +189,12 @@ def parse_start(start: str | Sequence[float]) -> Pose2 | None:
             numbers.append(number)
     if len(parts) != 3 or len(numbers) != 3:
         raise ConfigError(option="start", value=start, reason=HOW_TO_START)
-    return Pose2(*numbers)
+    pose = Pose2(*numbers)
+    try:
+        FixedPose.from_pose(pose)
+    except ConfigError as error:
+        raise ConfigError(option="start", value=start, reason=error.reason) from None
+    return pose
 
 
 def options_of(kind: type[Any]) -> list[Field[Any]]:

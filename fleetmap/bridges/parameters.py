@@ -12,10 +12,12 @@ from fleetmap.bridges.options import BridgeOptions, WireOptions, options_of
 from fleetmap.model.errors import ConfigError
 
 KEY = "ros__parameters"
+MAX_DEPTH = 16
+"""Of namespaces."""
 
 
 def read_parameters(path: Path, *, node: str, namespace: str) -> dict[str, Any]:
-    """The parameters that the file has for a node; what stands later, and names it more exactly, wins.
+    """The parameters that the file has for a node; what stands later wins, as in rclcpp.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def read_parameters(path: Path, *, node: str, namespace: str) -> dict[str, Any]:
         document = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError) as error:
         raise refuse(f"can't be read: {error}") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # of a date that is none
         raise refuse(f"no YAML: {error}") from None
     if not isinstance(document, Mapping):
         raise refuse(f"expected {{node: {{{KEY}: {{name: value}}}}}}")
@@ -53,6 +55,8 @@ def read_parameters(path: Path, *, node: str, namespace: str) -> dict[str, Any]:
 
 
 def _nodes(tree: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Any]]:
+    if path.count("/") > MAX_DEPTH:  # a mapping that holds itself has no end
+        return
     for key, value in tree.items():
         name = f"{path}/{str(key).strip('/')}"
         if isinstance(value, Mapping):

@@ -95,6 +95,7 @@ class Recorder:
     async def finish(self) -> None:
         """Write what is held now."""
         await self._write_maps(await self._peer.refresh())
+        await self._look_once()
 
     async def _follow(self) -> None:
         await self._write_maps(await self._peer.refresh())
@@ -136,18 +137,21 @@ class Recorder:
         self.size_bytes += len(message)
 
     async def _look(self) -> None:
-        """Poses and counts, each second."""
         while True:
-            starts = {info.robot: info.T_fleet_robot for info in self._peer.peers if info.T_fleet_robot is not None}
-            mates = self._peer.teammates(frame="fleet")
-            seen = [] if self._watcher is None else await self._watcher.look()
-            async with self._writing:
-                stamp_ns = self._clock_ns()
-                self._write_frames(starts, mates, stamp_ns)
-                for robot in seen:
-                    if robot.figures is not None and robot.robot in self.robots:
-                        self._write_counts(robot.robot, robot.figures, stamp_ns)
+            await self._look_once()
             await asyncio.sleep(LOOK_S)
+
+    async def _look_once(self) -> None:
+        """Write where robots are, and what they have counted."""
+        starts = {info.robot: info.T_fleet_robot for info in self._peer.peers if info.T_fleet_robot is not None}
+        mates = self._peer.teammates(frame="fleet")
+        seen = [] if self._watcher is None else await self._watcher.look()
+        async with self._writing:
+            stamp_ns = self._clock_ns()
+            self._write_frames(starts, mates, stamp_ns)
+            for robot in seen:
+                if robot.figures is not None and robot.robot in self.robots:
+                    self._write_counts(robot.robot, robot.figures, stamp_ns)
 
     def _write_counts(self, robot: str, figures: StatsMessage, stamp_ns: int) -> None:
         sent = {kind: size_bytes for kind, (_, size_bytes, _) in figures.sent.items()}

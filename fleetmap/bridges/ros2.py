@@ -19,7 +19,7 @@ from fleetmap.bridges.options import BridgeOptions, WireOptions
 from fleetmap.bridges.port import Port, Say
 from fleetmap.bridges.qos import LATCHED, LATEST, STREAM, Qos
 from fleetmap.bridges.transforms import TransformBuffer
-from fleetmap.model.errors import ConfigError, MapFormatError, WireError
+from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.grid_like import pose_of
 from fleetmap.model.mergedmap import MergedMap
@@ -146,7 +146,7 @@ class Bridge:
         def handle(data: bytes) -> None:
             try:
                 take(whole, data)
-            except (WireError, MapFormatError) as error:
+            except FleetmapError as error:
                 self._refuse(whole, error)
 
         self.port.subscribe(topic, type_name, qos, handle)
@@ -172,7 +172,7 @@ class Bridge:
         with suppress(RuntimeError):  # the loop is closed: nobody waits any more
             self._loop.call_soon_threadsafe(event.set)
 
-    def _refuse(self, topic: str, error: WireError | MapFormatError) -> None:
+    def _refuse(self, topic: str, error: FleetmapError) -> None:
         key = topic, error.field if isinstance(error, MapFormatError) else "format"
         self.refused[key] = self.refused.get(key, 0) + 1
         if self.refused[key] == 1:
@@ -200,8 +200,11 @@ class Bridge:
             await asyncio.sleep(POSE_S)
             pose = self._pose_now()
             if pose is not None and (self._said_pose is None or _differs(pose, self._said_pose)):
-                await self.peer.set_pose(pose)
-                self._said_pose = pose
+                try:
+                    await self.peer.set_pose(pose)
+                    self._said_pose = pose
+                except ConfigError as error:  # farther than poses travel
+                    self._refuse(self.options.pose_topic or self.options.tf_topic, error)
 
     def _pose_now(self) -> Pose2 | None:
         """T_map_base, as far as it is known."""

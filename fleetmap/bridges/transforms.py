@@ -25,6 +25,8 @@ MAX_SAMPLES = 2000
 MAX_FRAMES = 512
 """Child frames that are known; more are refused and counted."""
 MAX_NAME = 255
+MAX_SHIFT_M = 1e8
+"""Farther than any place on earth: what is beyond is refused, so that sums stay finite."""
 LONGEST_CHAIN = 64
 STATIC_NS = -1
 
@@ -184,11 +186,12 @@ def _at(child: _Child, at_ns: int) -> Transform | None:
 
 
 def _transform_of(message: Any) -> Transform | None:
-    """A ``geometry_msgs/Transform``; None if it isn't finite, or no rotation."""
+    """A ``geometry_msgs/Transform``; None if it isn't finite, too far, or no rotation."""
     shift, q = message.translation, message.rotation
     shift_m = np.array([shift.x, shift.y, shift.z], np.float64)
     rotation = np.array([q.x, q.y, q.z, q.w], np.float64)
-    length = float(np.linalg.norm(rotation))
-    if not (np.isfinite(shift_m).all() and math.isfinite(length) and abs(length - 1) < 0.1):
+    length = math.hypot(*rotation)
+    # Compared so that NaN fails, too.
+    if not ((np.abs(shift_m) <= MAX_SHIFT_M).all() and abs(length - 1) < 0.1):
         return None
     return Transform(shift_m, rotation / length)

@@ -13,7 +13,6 @@ import typer
 
 from fleetmap.bridges.options import BridgeOptions, WireOptions, checked, options_of
 from fleetmap.cli.output import stderr
-from fleetmap.model.errors import ConfigError
 
 bridge = typer.Typer(no_args_is_help=True, rich_markup_mode="rich")
 
@@ -87,8 +86,6 @@ def ros2(params_file: Path | None, given: dict[str, Any]) -> None:
         given = {**read_parameters(params_file, node=node, namespace=namespace), **given}
     options = BridgeOptions(**checked(BridgeOptions, given))
     wire = WireOptions(**checked(WireOptions, given))
-    if not options.robot:
-        raise ConfigError(option="robot", value="", reason="expected the robot's name in the fleet, as r1")
     stderr.print(
         f"{options.robot} joins fleet {options.fleet}; ROS by {wire.via} at {wire.ros_listen or wire.ros_endpoint}. "
         "Ctrl-C ends it.",

@@ -124,13 +124,24 @@ class OccupancyGrid:
         object.__setattr__(self, name, value)
 
     def _put_thresholds(self, free_below: float, occupied_above: float) -> None:
-        free, occupied = as_number(free_below), as_number(occupied_above)
-        # Of per cents none is so low: a share was meant, under which all cells but 0 would be obstacles.
-        if free is None or occupied is None or not 0 < free <= occupied < 100 or occupied < 1:
-            reason = "expected per cents, 0 < free_below <= occupied_above < 100 (52, not 0.52)"
-            raise ConfigError(option="free_below, occupied_above", value=(free_below, occupied_above), reason=reason)
+        free, occupied = check_thresholds(free_below, occupied_above)
         self._put("free_below", free)
         self._put("occupied_above", occupied)
+
+
+def check_thresholds(free_below: object, occupied_above: object) -> tuple[float, float]:
+    """The thresholds as floats.
+
+    Raises
+    ------
+    ConfigError : not 0 < free_below <= occupied_above < 100
+    """
+    free, occupied = as_number(free_below), as_number(occupied_above)
+    # Of per cents none is so low: a share was meant, under which all cells but 0 would be obstacles.
+    if free is None or occupied is None or not 0 < free <= occupied < 100 or occupied < 1:
+        reason = "expected per cents, 0 < free_below <= occupied_above < 100 (52, not 0.52)"
+        raise ConfigError(option="free_below, occupied_above", value=(free_below, occupied_above), reason=reason)
+    return free, occupied
 
 
 def _refused(what: str, reason: str) -> MapFormatError:

@@ -121,8 +121,14 @@ def pose_of(pose: Any, field: str = "pose") -> Pose2:
         reason = f"expected a geometry_msgs/Pose or a Pose2; found {type(pose).__name__} ({error})"
         raise MapFormatError(path=PATH, field=field, reason=reason) from None
     x, y, qx, qy, qz, qw = (_number(part, field) for part in parts)
-    turned = any((qx, qy, qz, qw))
-    return Pose2(x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)) if turned else 0.0)
+    length = math.hypot(qx, qy, qz, qw)
+    if length == 0:
+        return Pose2(x, y)
+    if abs(length - 1) > 0.1:
+        reason = f"expected a unit quaternion; found ({qx:g}, {qy:g}, {qz:g}, {qw:g})"
+        raise MapFormatError(path=PATH, field=field, reason=reason)
+    qx, qy, qz, qw = (part / length for part in (qx, qy, qz, qw))
+    return Pose2(x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))
 
 
 def rounded(resolution_m: float) -> float:
