@@ -36,13 +36,16 @@ def environment(domain: int) -> dict[str, str]:
     return {**os.environ, **own}
 
 
-class RosNode:
-    """A node of rclpy in a process of its own."""
+def command_of(python: Path, namespace: str) -> list[str]:
+    """A robot of real rclpy."""
+    return [str(python), str(ROOT / "tests" / "ros_node.py"), namespace]
 
-    def __init__(self, python: Path, namespace: str, domain: int) -> None:
-        command = [str(python), str(ROOT / "tests" / "ros_node.py"), namespace]
-        pipe = subprocess.PIPE
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment(domain))
+
+class RosNode:
+    """A robot in a process of its own, with pipes."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
 
     def do(self, what: str, **order: Any) -> dict[str, Any]:
         assert self._process.stdin is not None
@@ -84,18 +87,29 @@ class RosNode:
 
 @contextlib.contextmanager
 def ros_node(python: Path, namespace: str = "/", *, domain: int) -> Iterator[RosNode]:
-    node = RosNode(python, namespace, domain)
+    pipe, command = subprocess.PIPE, command_of(python, namespace)
+    node = RosNode(subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=environment(domain)))
     try:
         yield node
     finally:
         node.close()
 
 
-def start_bridge(python: Path, parameters: dict[str, Any], *, namespace: str, domain: int) -> subprocess.Popen[str]:
+def bridge_command(python: Path, parameters: dict[str, Any], *, namespace: str) -> list[str]:
     """The rclpy node of the bridge, as a user starts it."""
     command = [str(python), "-m", "fleetmap.bridges.rclpy_node", "--ros-args", "-r", f"__ns:={namespace}"]
     for name, value in parameters.items():
         command += ["-p", f"{name}:={value}"]
+    return command
+
+
+def start_bridge(python: Path, parameters: dict[str, Any], *, namespace: str, domain: int) -> subprocess.Popen[str]:
+    """The same, started."""
     return subprocess.Popen(
-        command, env=environment(domain), text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=ROOT
+        bridge_command(python, parameters, namespace=namespace),
+        env=environment(domain),
+        text=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
     )

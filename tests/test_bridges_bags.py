@@ -12,12 +12,12 @@ from conftest import two_rooms
 from mcap.reader import make_reader
 
 import fleetmap
-from fleetmap.bridges import cdr, grids
+from fleetmap.bridges import bag_stats, cdr, grids
 from fleetmap.bridges.bag_stats import Thresholds, judge
 from fleetmap.bridges.bags import Bag, is_bag, map_topics
 from fleetmap.bridges.player import play_map
 from fleetmap.codecs.baselines import gzip_changed_rectangle, gzip_grid
-from fleetmap.model.errors import ConfigError, MapFormatError
+from fleetmap.model.errors import ConfigError, MapFormatError, MapWarning
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 from fleetmap.vectorize import Vectorizer
@@ -73,6 +73,16 @@ async def test_vectors_of_a_bag_cost_what_a_robot_sends(tmp_path):
     assert topic.sizes["grid_gzip_updates"] == stats.baselines["grid_gzip_updates"]
 
 
+def test_many_messages_are_judged_by_two_processes_with_the_same_outcome(tmp_path, monkeypatch):
+    path, told = write_bag(tmp_path / "bag", "mcap", list(conversation(growing()))), []
+    here = judge(path, topics=[])
+    monkeypatch.setattr(bag_stats, "FEW", 0)
+    apart = judge(path, topics=[], on_progress=lambda done, total: told.append((done, total)))
+    (a,), (b,) = here.topics, apart.topics
+    assert (a.size_bytes, a.sizes, a.series) == (b.size_bytes, b.sizes, b.series)
+    assert told[-1] == (16, 16)
+
+
 def test_topics_are_judged_apart_and_can_be_chosen(tmp_path):
     own, others = conversation(growing(4)), conversation(growing(6), topic="/r2/map")
     path = write_bag(tmp_path / "bag", "db3", sorted([*own, *others], key=lambda said: said[2]))
@@ -86,12 +96,11 @@ def test_graded_maps_have_thresholds(tmp_path):
     cells = np.where(two_rooms().cells_yx == 100, 60, two_rooms().cells_yx)
     message = grids.map_message(fleetmap.OccupancyGrid(cells, 0.05), frame_id="map", stamp_ns=BEGIN_NS)
     path = write_bag(tmp_path / "bag", "mcap", [("/map", cdr.MAP, BEGIN_NS, message)])
-    edges = {
-        above: judge(path, topics=[], thresholds=Thresholds(occupied_above=above)).topics[0].about["submaps"]["0"]
-        for above in (64.0, 54.0)
-    }
-    assert not edges[64.0].obstacle.any()
-    assert edges[54.0].obstacle.any()
+    with pytest.warns(MapWarning, match="/map: of 6656 known cells"):
+        (as_usual,) = judge(path, topics=[]).topics
+    (as_meant,) = judge(path, topics=[], thresholds=Thresholds(occupied_above=54.0)).topics
+    assert not as_usual.about["submaps"]["0"].obstacle.any()
+    assert as_meant.about["submaps"]["0"].obstacle.any()
 
 
 def test_a_message_that_is_no_map_is_counted_and_the_rest_is_judged(tmp_path):

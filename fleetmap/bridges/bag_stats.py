@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -16,8 +17,8 @@ from typing import Any, Protocol
 from fleetmap.bridges import cdr
 from fleetmap.bridges.bags import Bag, map_topics
 from fleetmap.bridges.grids import LatestMap
-from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError
-from fleetmap.model.grid import OccupancyGrid
+from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError, MapWarning
+from fleetmap.model.grid import FREE_BELOW, OCCUPIED_ABOVE, OccupancyGrid, check_thresholds
 from fleetmap.model.lattice import FREE
 from fleetmap.model.pose import FixedPose
 
@@ -25,14 +26,25 @@ TELL_S = 0.3
 """How often a process says how far it is."""
 POINTS = 600
 """Of each curve over time."""
+FEW = 100
+"""So few messages are looked at sooner than two processes are there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """Which cells are free and which occupied; None: as the grids are read elsewhere."""
+    """Which cells are free and which occupied; None: as the grids are read elsewhere.
+
+    Raises
+    ------
+    ConfigError : not 0 < free_below <= occupied_above < 100
+    """
 
     free_below: float | None = None
     occupied_above: float | None = None
+
+    def __post_init__(self) -> None:
+        free, occupied = self.free_below, self.occupied_above
+        check_thresholds(FREE_BELOW if free is None else free, OCCUPIED_ABOVE if occupied is None else occupied)
 
 
 class Side(Protocol):
@@ -113,6 +125,7 @@ class TopicCost:
     name : of the topic
     messages, size_bytes : in the bag, as its index counts: whole maps and updates
     refused : messages that were no maps, and the first reason
+    warning : what was to be said of its first map; empty: nothing
     sizes : by name, the sum of all payloads
     series : (seconds from the bag's begin, sizes so far)
     about : the last map
@@ -124,6 +137,7 @@ class TopicCost:
     size_bytes: int = 0
     refused: int = 0
     reason: str = ""
+    warning: str = ""
     sizes: dict[str, int] = field(default_factory=dict)
     series: list[tuple[float, dict[str, int]]] = field(default_factory=list)
     about: dict[str, Any] = field(default_factory=dict)
@@ -162,6 +176,25 @@ def judge(
         counts = {topic.name: topic.messages for topic in bag.topics}
         begin_ns, end_ns = bag.span_ns
     total = sum(counts.get(name, 0) for pair in wanted.items() for name in pair) * len(SIDES)
+    if total <= FEW * len(SIDES):
+        parts = {side: _costs(path, wanted, make, thresholds, lambda seen: None) for side, make in SIDES.items()}
+    else:
+        parts = _side_by_side(path, wanted, thresholds, total, on_progress)
+    joined = [_joined(*topic) for topic in zip(*parts.values(), strict=True)]
+    for topic in joined:
+        if topic.warning:
+            warnings.warn(f"{path}: {topic.name}: {topic.warning}", MapWarning, stacklevel=2)
+    return BagCost(path, (end_ns - begin_ns) / 1e9, joined)
+
+
+def _side_by_side(
+    path: Path,
+    wanted: dict[str, str],
+    thresholds: Thresholds,
+    total: int,
+    on_progress: Callable[[int, int], None],
+) -> dict[str, list[TopicCost]]:
+    """By side, what it found; each in a process of its own."""
     # Spawned: this process may have threads of libraries that don't survive a fork.
     context = multiprocessing.get_context("spawn")
     workers, done = {}, dict.fromkeys(SIDES, 0)
@@ -195,13 +228,14 @@ def judge(
             connection.close()
             process.terminate()
             process.join()
-    return BagCost(path, (end_ns - begin_ns) / 1e9, [_joined(*parts) for parts in zip(*results.values(), strict=True)])
+    return {side: results[side] for side in SIDES}
 
 
 def _joined(first: TopicCost, *others: TopicCost) -> TopicCost:
     """The sides of one topic together; they have read the same messages."""
     for other in others:
         first.sizes |= other.sizes
+        first.warning = first.warning or other.warning
         first.about |= other.about
         first.series = [(t, {**a, **b}) for (t, a), (_, b) in zip(first.series, other.series, strict=True)]
     return first
@@ -239,7 +273,12 @@ def _costs(
             cost.size_bytes += size_bytes
             if grid is not None:
                 grid = grid.with_thresholds(free_below=thresholds.free_below, occupied_above=thresholds.occupied_above)
-                for kind, size in sides[name].add(grid).items():
+                # Caught: what a process of its own warns of, nobody hears.
+                with warnings.catch_warnings(record=True) as said:
+                    warnings.simplefilter("always", MapWarning)
+                    added = sides[name].add(grid)
+                cost.warning = cost.warning or "; ".join(str(each.message) for each in said)
+                for kind, size in added.items():
                     cost.sizes[kind] = cost.sizes.get(kind, 0) + size
             t_s = (stamp_ns - begin_ns) / 1e9
             point = t_s, {"bag": cost.size_bytes, **cost.sizes}

@@ -118,8 +118,11 @@ class Recorder:
             self.digest = merged.digest
 
     def _write_record(self, stream: Stream, stamp_ns: int) -> None:
-        before = self._written.get(stream.key, Stream(stream.robot, stream.life))
-        if stream.robot == self._peer.robot or stream.seq == 0 or before.revision == stream.revision:
+        before = self._written.get(stream.key)
+        if before is None and not stream.edges:
+            return  # no map yet: a watcher, or the recorder itself
+        before = before or Stream(stream.robot, stream.life)
+        if before.revision == stream.revision:
             return
         message, _ = record_message(before, stream)
         document = {

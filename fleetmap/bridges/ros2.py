@@ -271,10 +271,12 @@ class Bridge:
     def _say_map(self, merged: MergedMap, frame: str) -> None:
         options, stamp_ns = self.options, self.port.now_ns()
         grid = merged.to_grid(options.resolution_m or None)
-        before, self._last_out = self._last_out, grid
         topic = options.fleet_map_topic
-        if options.fleet_map_updates and before is not None:
-            update = grids.update_message(before, grid, frame_id=frame, stamp_ns=stamp_ns)
+        if options.fleet_map_updates:
+            before, self._last_out = self._last_out, grid
+            update = None
+            if before is not None:
+                update = grids.update_message(before, grid, frame_id=frame, stamp_ns=stamp_ns)
             if update is not None:
                 self._say[f"{topic}_updates"](cdr.encode(update, cdr.MAP_UPDATE))
         message = grids.map_message(grid, frame_id=frame, stamp_ns=stamp_ns)
