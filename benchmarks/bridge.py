@@ -175,7 +175,10 @@ def main() -> None:
     parser.add_argument("--rate-hz", type=float, default=1.0)
     parser.add_argument("--steps", type=int, default=10)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--tiny", action="store_true", help="see that it runs")
     options = parser.parse_args()
+    if options.tiny:
+        options.cells, options.seconds, options.rate_hz, options.steps = 400, 2.0, 5.0, 2
     document = {
         "parts_ms": parts(options.cells, options.steps),
         "live": asyncio.run(live(options.cells, options.seconds, options.rate_hz)),

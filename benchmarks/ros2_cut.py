@@ -197,8 +197,11 @@ def main() -> int:
     parser.add_argument("--cut-s", type=float, default=60.0)
     parser.add_argument("--size", type=float, default=30.0, help="metres")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--tiny", action="store_true", help="see that it runs")
     parser.add_argument(INSIDE, action="store_true", dest="inside", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.tiny:
+        options.cut_s, options.size = 3.0, 10.0
     if not options.inside:
         compile_ahead(modules_of(*AGENT))
         return in_a_namespace(__file__)

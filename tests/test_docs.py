@@ -43,13 +43,16 @@ def test_the_commands_of_the_table_run_in_its_order(fleetmap_command, map_folder
     assert len(commands) >= 6
     for command in commands:
         beside = contextlib.nullcontext()
+        # The endpoint that README names may be in use by another fleet on this machine.
+        endpoint = f"tcp/127.0.0.1:{rendezvous.free_port('127.0.0.1')}"
+        command = command.replace(f"tcp/127.0.0.1:{rendezvous.PORT}", endpoint)
         if " --fleet " in command:
-            # The endpoint that README names may be in use by another fleet on this machine.
-            fleet, named = (re.search(rf"--{option} (\S+)", command)[1] for option in ("fleet", "connect"))
-            endpoint = f"tcp/127.0.0.1:{rendezvous.free_port('127.0.0.1')}"
-            command = command.replace(named, endpoint)
-            beside = fleetmap.sync.join("r0", fleet=fleet, listen=[endpoint], profile="local")
-        with beside:
+            fleet = re.search(r"--fleet (\S+)", command)[1]
+            start = fleetmap.Pose2()
+            beside = fleetmap.sync.join("r0", fleet=fleet, start=start, listen=[endpoint], profile="local")
+        with beside as peer:
+            if peer is not None:
+                peer.publish(map_folder / "map.yaml")
             run = fleetmap_command(*shlex.split(command), cwd=map_folder, timeout_s=300)
         assert run.code == 0, f"fleetmap {command}: {run.err}"
     assert (map_folder / "RUN" / "report.html").exists()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import Field
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,16 +29,18 @@ def spread(function: Callable[..., None]) -> Callable[..., None]:
     """Give a command all options of the bridge; they come in as ``given``, without those that nobody gave."""
 
     def command(**values: Any) -> None:
-        params_file = values.pop("params_file")
+        params_file, for_s = values.pop("params_file"), values.pop("for_s")
         if values.pop("no_multicast_scouting") and values["profile"] in (None, "lan"):
             values["profile"] = "local"
-        function(params_file, {name: value for name, value in values.items() if value is not None})
+        function(params_file, for_s, {name: value for name, value in values.items() if value is not None})
 
     parameters = [_parameter(f, panel) for kind, panel in PANELS.items() for f in options_of(kind)]
     about_file = typer.Option(metavar="FILE", help="Parameters in ROS's form; options that are given win.")
     about_local = typer.Option("--no-multicast-scouting", help="The same as --profile local.")
     parameters.append(_keyword("params_file", Annotated[Path | None, about_file]))
     parameters.append(_keyword("no_multicast_scouting", Annotated[bool | None, about_local]))
+    about_time = typer.Option("--for-s", min=0.0, metavar="S", help="So long; else until Ctrl-C.")
+    parameters.append(_keyword("for_s", Annotated[float | None, about_time]))
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     command.__doc__, command.__name__ = function.__doc__, function.__name__
     return command
@@ -63,7 +66,7 @@ def _keyword(name: str, annotation: Any) -> inspect.Parameter:
 
 @bridge.command("ros2")
 @spread
-def ros2(params_file: Path | None, given: dict[str, Any]) -> None:
+def ros2(params_file: Path | None, for_s: float | None, given: dict[str, Any]) -> None:
     """Share a ROS 2 robot's map with its fleet, and say the fleet's map to ROS; no ROS is needed. Until Ctrl-C.
 
     Speaks the wire of rmw_zenoh, or of zenoh-bridge-ros2dds with `--via ros2dds`, to the router beside the robot.
@@ -92,4 +95,10 @@ def ros2(params_file: Path | None, given: dict[str, Any]) -> None:
         markup=False,
         highlight=False,
     )
-    asyncio.run(serve(options, wire))
+
+    async def work() -> None:
+        with suppress(TimeoutError):
+            async with asyncio.timeout(for_s):
+                await serve(options, wire)
+
+    asyncio.run(work())
