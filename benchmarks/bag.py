@@ -111,7 +111,7 @@ def main() -> None:
     parser.add_argument("--tiny", action="store_true", help="see that it runs")
     options = parser.parse_args()
     if options.tiny:
-        options.maps, options.side = 120, 80
+        options.maps, options.side = 120, 120
     compile_ahead(modules_of("model", "vectorize", "codecs"))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bag"
