@@ -7,9 +7,11 @@ Needs rclpy and nav_msgs. Beside a bridge in the same namespace (docs/ros2.md):
 
 import argparse
 import array
+import contextlib
 
 import rclpy
 from nav_msgs.msg import OccupancyGrid
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 import fleetmap
@@ -34,7 +36,8 @@ def main(namespace: str, map_yaml: str, half: str) -> None:
 
     node.create_subscription(OccupancyGrid, "fleet_map", heard, latched)
     node.create_publisher(OccupancyGrid, "map", latched).publish(message)
-    rclpy.spin(node)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
 
 
 if __name__ == "__main__":

@@ -41,7 +41,7 @@ def test_other_nodes_parameters_are_not_taken_and_named(parameters, name):
     with pytest.raises(ConfigError) as caught:
         parameters(f'"{name}": {{ros__parameters: {{robot: r1}}}}')
     assert "has no parameters for /r1/fleetmap" in caught.value.reason
-    assert caught.value.reason.endswith(f"found /{name.strip('/')}")
+    assert f"found /{name.strip('/')}. --namespace" in caught.value.reason
 
 
 @pytest.mark.parametrize("name", ["/**", "fleetmap", "/fleetmap", "/*", "/**/fleetmap"])

@@ -47,7 +47,7 @@ def sent():
         cdr.MAP: grids.map_message(two_rooms(), **stamp),
         cdr.MARKERS: said.walls(merged_rooms(), **stamp),
         cdr.POSES: said.poses(mates, **stamp),
-        cdr.DIAGNOSTICS: said.diagnostics("fleetmap", [problem], {"maps in": 3}, stamp_ns=7),
+        cdr.DIAGNOSTICS: said.diagnostics("r1", "site", [problem], {"maps in": 3}, stamp_ns=7),
         cdr.TEXT: cdr.make(cdr.TEXT, data="ä word"),
         cdr.WHOLE_NUMBER: cdr.make(cdr.WHOLE_NUMBER, data=2**63),
         cdr.CLOCK: cdr.make(cdr.CLOCK, clock=cdr.time_of(5_000_000_007)),

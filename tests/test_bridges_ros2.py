@@ -256,7 +256,6 @@ async def test_a_burst_of_maps_coalesces_and_the_last_one_counts(ros):
             grid = fleetmap.OccupancyGrid(cells, 0.05, two_rooms().origin)
             say(cdr.encode(grids.map_message(grid, frame_id="map", stamp_ns=k), cdr.MAP))
         # Each published map is followed by the pause of the rate: a few of the hundred are taken in.
-        await until(lambda: bridge.maps_in == 100)
         await until(lambda: like(bridge.peer.merged, grid, ms=99.0))
         assert bridge.maps_published <= 10
     await port.close()
@@ -273,26 +272,31 @@ async def test_garbage_is_counted_and_nothing_else_happens(ros):
         ("/tf", cdr.TF): frame("map", "base_link", Pose2(1.0, 2.0, 0.3), 5),
     }
     attachment = dialect.attachment(1, 1, bytes(16))
+
+    def put(key, data):
+        # What the sender drops proves nothing.
+        session.put(key, data, attachment=attachment, congestion_control=zenoh.CongestionControl.BLOCK)
+
     try:
         async with bridged(ros) as bridge:
             await until(lambda: bridge.port._session is not None)
             (map_key, good) = dialect.said("/map", cdr.MAP), samples["/map", cdr.MAP]
-            session.put(map_key, good, attachment=attachment)
+            put(map_key, good)
             await until(lambda: bridge.maps_published == 1)
             for number in range(MUTATIONS):
                 (topic, type_name), data = rng.choice(list(samples.items()))
-                session.put(dialect.said(topic, type_name), mutated(data, rng), attachment=attachment)
+                put(dialect.said(topic, type_name), mutated(data, rng))
                 if number % 100 == 0:
-                    session.put(f"0{topic}/{type_name.split('/')[0]}::msg::dds_::OccupancyGrid_/RIHS01_00", data)
+                    put("0/map/nav_msgs::msg::dds_::OccupancyGrid_/RIHS01_00", good)
                     await asyncio.sleep(0)
             larger = fleetmap.OccupancyGrid(np.full((200, 200), 0, np.int8), 0.05)
             message = grids.map_message(larger, frame_id="map", stamp_ns=9)
-            session.put(map_key, cdr.encode(message, cdr.MAP), attachment=attachment)
+            put(map_key, cdr.encode(message, cdr.MAP))
             await until(lambda: bridge.peer.merged.bounds_m()[2] == 10.0, wait_s=3 * WAIT_S)
             refused = sum(bridge.refused.values()) + bridge._transforms.refused
             assert refused > MUTATIONS / 20
             assert len(bridge.refused) < 20
-            assert bridge.port.refused["/map", "hash"] >= MUTATIONS // 250
+            assert bridge.port.refused["/map", "hash"] >= MUTATIONS // 100
     finally:
         session.close()
 
@@ -322,8 +326,8 @@ async def test_what_is_missing_is_said_in_words(ros):
         await until(lambda: bridge._offered)
         bridge._began_s -= 60.0
         texts = {problem.kind: problem.text for problem in bridge.problems()}
-        assert texts["map"].startswith("no map on /map yet; maps are offered: /robot7/map.")
-        assert "start= is not given" in texts["start"]
+        assert texts["map"].startswith("no map on /map yet; maps are offered on /robot7/map:")
+        assert "--start 0,0,0" in texts["start"]
     await port.close()
 
 

@@ -70,7 +70,7 @@ def test_the_parameters_of_the_page_are_those_of_the_bridge(tmp_path):
 def test_each_option_that_the_page_names_exists():
     known = {f.name for kind in (BridgeOptions, WireOptions) for f in options_of(kind)}
     given = {name.replace("-", "_") for name in re.findall(r"`--([a-z0-9-]+)", ROS2)}
-    assert given - {"params_file", "help", "system_site_packages"} <= known
+    assert given - {"params_file", "help", "ros_args", "system_site_packages"} <= known
     assert {"map_rate_hz", "fleet_map_rate_hz", "fleet_map_updates", "pose_topic", "use_sim_time"} <= known
 
 

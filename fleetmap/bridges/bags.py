@@ -60,7 +60,9 @@ class Bag:
             self._reader = AnyReader([self.path], default_typestore=self._store)
             self._reader.open()
         except Exception as error:  # of rosbags and all that it reads files with
-            reason = f"no bag that can be read: {type(error).__name__}: {error}"
+            # What a recorder that was killed leaves has no end.
+            mend = "if it was cut off, `mcap recover` or `ros2 bag reindex` may mend it"
+            reason = f"no bag that can be read: {type(error).__name__}: {error}; {mend}"
             raise MapFormatError(path=self.path, field="file", reason=reason) from None
         return self
 
@@ -88,8 +90,8 @@ class Bag:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """When the first and the last message were written."""
-        return int(self.reader.start_time), int(self.reader.end_time)
+        """When the first and the last message were written; zeros if there are none."""
+        return (int(self.reader.start_time), int(self.reader.end_time)) if self.reader.message_count else (0, 0)
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[Topic, int, bytes]]:
         """(topic, when in ns, bytes as they stand) of each message of these topics, in the order of time.
@@ -136,6 +138,8 @@ def map_topics(bag: Bag, wanted: Collection[str] = ()) -> dict[str, str]:
     for name in wanted:
         if name not in grids:
             raise ConfigError(option="topic", value=name, reason=f"no topic of grids in {bag.path}; {_there_is(bag)}")
+    if not any(topic.messages for topic in bag.topics):
+        raise MapFormatError(path=bag.path, field="messages", reason="there are none")
     if not grids:
         raise MapFormatError(path=bag.path, field="topics", reason=f"no {cdr.MAP} in it; {_there_is(bag)}")
     return {name: f"{name}_updates" for name in grids if not wanted or name in wanted}

@@ -38,6 +38,10 @@ class Dialect(Protocol):
         """How users call it."""
 
     @property
+    def where(self) -> str:
+        """In words, which nodes are heard."""
+
+    @property
     def router(self) -> str:
         """What has to run on the ROS side."""
 

@@ -26,9 +26,9 @@ def check_name(path: Path) -> None:
     ConfigError : another ending, no such folder, or mcap is not installed
     """
     if path.suffix != ".mcap":
-        raise ConfigError(option="record", value=str(path), reason="expected a name that ends in .mcap")
+        raise ConfigError(option="OUT.mcap", value=str(path), reason="expected a name that ends in .mcap")
     if not path.resolve().parent.is_dir():
-        raise ConfigError(option="record", value=str(path), reason="there is no such folder")
+        raise ConfigError(option="OUT.mcap", value=str(path), reason="there is no such folder")
     if importlib.util.find_spec("mcap") is None:
         raise cdr.missing("mcap")
 

@@ -46,7 +46,8 @@ def read_parameters(path: Path, *, node: str, namespace: str) -> dict[str, Any]:
             found.update({str(key): value for key, value in values.items()})
     if not found:
         there = ", ".join(named) or f"no {KEY} at all"
-        raise refuse(f"has no parameters for {root}/{node}: expected /**, {node} or {root}/{node}; found {there}")
+        expected = f"expected /**, {node} or {root}/{node}; found {there}"
+        raise refuse(f"has no parameters for {root}/{node}: {expected}. --namespace and --node say which node this is")
     known = [f.name for kind in (BridgeOptions, WireOptions) for f in options_of(kind)]
     for key in found:
         if key not in known:

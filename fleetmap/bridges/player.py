@@ -160,6 +160,9 @@ async def play_recording(
             if len(robots) == MAX_ROBOTS:
                 raise MapFormatError(path=bag.path, field=RECORDS_TOPIC, reason=f"more than {MAX_ROBOTS} robots")
             own = replace(options, robot=after.robot, level=after.level, start=after.start, if_taken="join")
+            if robots and options.listen:
+                # One of them can listen there; the others find it there.
+                own = replace(own, listen=(), connect=(*options.connect, *options.listen))
             robots[after.key] = await peers.enter_async_context(make_peer(own))
         elif after.start != before.start:
             await robots[after.key].set_start(after.start)

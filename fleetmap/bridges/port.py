@@ -39,3 +39,9 @@ class Port(Protocol):
 
     def problems(self) -> dict[str, str]:
         """What keeps it from ROS, by whom it is about."""
+
+    def is_reached(self) -> bool:
+        """Whether nodes of ROS can be heard at all."""
+
+    def where(self) -> str:
+        """In words, which graph it is in, for those who look for it in another one."""

@@ -27,8 +27,20 @@ from fleetmap.bridges.options import BridgeOptions, checked, options_of
 from fleetmap.bridges.port import Say, Take
 from fleetmap.bridges.qos import Qos
 from fleetmap.bridges.ros2 import Bridge
-from fleetmap.model.errors import FleetmapError
+from fleetmap.model.errors import ConfigError, FleetmapError
 from fleetmap.peer.join import make_peer
+
+HELP = """\
+A ROS 2 robot's map in, its fleet's map out: the bridge of fleetmap as an rclpy node, until Ctrl-C.
+
+For instance:
+
+  python -m fleetmap.bridges.rclpy_node --ros-args -r __ns:=/r1 -p robot:=r1 -p start:="'0,0,0'"
+
+Parameters:
+"""
+OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+"""Parameters that each node has."""
 
 
 class RclpyPort:
@@ -83,6 +95,14 @@ class RclpyPort:
             for name, package in self._missing.items()
         }
 
+    def is_reached(self) -> bool:
+        """A node always is."""
+        return True
+
+    def where(self) -> str:
+        """The domain."""
+        return f"ROS_DOMAIN_ID {self._node.context.get_domain_id()}"
+
     async def open(self) -> None:
         """Begin to take what comes."""
         self._thread.start()
@@ -121,28 +141,44 @@ def profile(qos: Qos) -> QoSProfile:
 
 
 def declare(node: Node) -> BridgeOptions:
-    """The options as the node's parameters say.
+    """The options as the node's parameters say, which it has from its overrides, or are declared now.
 
     Raises
     ------
-    ConfigError : one has an impossible value
+    ConfigError : one has an impossible value, or there is no such parameter
     """
+    known = {f.name: f for f in options_of(BridgeOptions)}
+    for name in node.get_parameters_by_prefix(""):
+        if name not in known and not name.startswith(OF_ROS):
+            reason = f"there is no such parameter; expected one of {', '.join(known)}"
+            raise ConfigError(option=name, value=node.get_parameter(name).value, reason=reason)
     given = {}
-    for f in options_of(BridgeOptions):
-        value = node.declare_parameter(f.name, _default(f), _descriptor(f)).value
+    for f in known.values():
+        if not node.has_parameter(f.name):
+            node.declare_parameter(f.name, _default(f), _descriptor(f))
+        value = node.get_parameter(f.name).value
         if value is not None:
             given[f.name] = list(value) if isinstance(f.default, tuple) and not isinstance(value, str) else value
     return BridgeOptions(**checked(BridgeOptions, given))
 
 
+def help_text() -> str:
+    """What ``--help`` prints: the parameters."""
+    lines = [f"  {f.name:20} {f.metadata['about']} [{f.default!r}]" for f in options_of(BridgeOptions)]
+    return "\n".join([HELP, *lines])
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the node until Ctrl-C; returns the exit code."""
+    if {"-h", "--help"} & set(sys.argv[1:] if arguments is None else arguments):
+        sys.stdout.write(help_text() + "\n")
+        return 0
     logging.basicConfig(level=logging.WARNING, format="[%(levelname)s] %(message)s")
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     # As ROS's own nodes: who launched it may end it by SIGTERM just as well.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        node = Node("fleetmap")
+        node = Node("fleetmap", automatically_declare_parameters_from_overrides=True)
         try:
             asyncio.run(_serve(node, declare(node)))
         finally:
@@ -160,7 +196,7 @@ def main(arguments: list[str] | None = None) -> int:
 async def _serve(node: Node, options: BridgeOptions) -> None:
     cdr.typestore()
     async with make_peer(options.join_options()) as peer:
-        await Bridge(peer, RclpyPort(node), options).run()
+        await Bridge(peer, RclpyPort(node), options, node.get_logger().info).run()
 
 
 def _default(f: Field[Any]) -> Any:

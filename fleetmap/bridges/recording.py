@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -24,8 +25,8 @@ SETTLE_S = 2.0
 @asynccontextmanager
 async def recording(
     out: Path,
-    robot: str,
     *,
+    robot: str = "",
     fleet: str,
     level: str = "0",
     connect: Sequence[str] = (),
@@ -35,10 +36,12 @@ async def recording(
 ) -> AsyncIterator[Recorder]:
     """A recorder at work. At the end it waits for what was said already, writes that, and closes the file.
 
+    A file into which no record came is removed.
+
     Parameters
     ----------
     out : the file
-    robot : the recorder's name in the fleet
+    robot : the recorder's name in the fleet; empty: one that nobody has
     others : as ``join``
 
     Raises
@@ -48,7 +51,7 @@ async def recording(
     OSError : the file can't be written
     """
     options = JoinOptions(
-        robot,
+        robot or f"recorder-{secrets.token_hex(3)}",
         fleet=fleet,
         level=level,
         # In the fleet's own frame, so that it is in one component with those whose starts are known.
@@ -61,17 +64,22 @@ async def recording(
     )
     # The peer is there to connect to first: the watcher takes no port.
     watched = Watcher(fleet, profile=profile, connect=connect, config=config)
-    with McapFile(out) as file:
-        async with make_peer(options) as peer, watched as watcher:
-            recorder = Recorder(peer, watcher, file)
-            running = asyncio.create_task(recorder.run())
-            try:
-                yield recorder
-                with suppress(TimeoutError):
-                    await peer.synced(SETTLE_S)
-            finally:
-                running.cancel()
-                with suppress(asyncio.CancelledError):
-                    await running
-                with suppress(FleetmapError):
-                    await recorder.finish()
+    recorder = None
+    try:
+        with McapFile(out) as file:
+            async with make_peer(options) as peer, watched as watcher:
+                recorder = Recorder(peer, watcher, file)
+                running = asyncio.create_task(recorder.run())
+                try:
+                    yield recorder
+                    with suppress(TimeoutError):
+                        await peer.synced(SETTLE_S)
+                finally:
+                    running.cancel()
+                    with suppress(asyncio.CancelledError):
+                        await running
+                    with suppress(FleetmapError):
+                        await recorder.finish()
+    finally:
+        if recorder is None or not recorder.records:
+            await asyncio.to_thread(out.unlink, missing_ok=True)  # a file with nothing in it helps nobody

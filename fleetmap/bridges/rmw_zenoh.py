@@ -38,6 +38,11 @@ class RmwZenoh:
     router = "ros2 run rmw_zenoh_cpp rmw_zenohd"
 
     @property
+    def where(self) -> str:
+        """The domain."""
+        return f"ROS_DOMAIN_ID {self.domain}"
+
+    @property
     def tokens(self) -> str:
         """Where the tokens of all nodes are."""
         return f"@ros2_lv/{self.domain}/**"

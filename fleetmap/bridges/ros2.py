@@ -49,6 +49,7 @@ class Bridge:
     peer : the robot in its fleet, connected
     port : the node in the ROS graph, not yet open
     options : topics, frames and rates
+    tell : told in a line what happens now and then: the first map, who comes and goes
 
     Attributes
     ----------
@@ -57,8 +58,12 @@ class Bridge:
     refused : by (topic, reason), messages that were none
     """
 
-    def __init__(self, peer: Peer, port: Port, options: BridgeOptions) -> None:
-        self.peer, self.port, self.options = peer, port, options
+    def __init__(
+        self, peer: Peer, port: Port, options: BridgeOptions, tell: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.peer, self.port, self.options, self._tell = peer, port, options, tell
+        self._seen: set[str] = set()
+        self._told_first = False
         self.maps_in = self.maps_published = self.maps_out = 0
         self.refused: dict[tuple[str, str], int] = {}
         self._latest, self._transforms = grids.LatestMap(), TransformBuffer()
@@ -110,18 +115,29 @@ class Bridge:
         found = [Problem("ros", about, text) for about, text in self.port.problems().items()]
         waited = time.monotonic() - self._began_s > PATIENCE_S
         topic = self.port.resolve(self.options.map_topic)
-        if not self.maps_in and waited and not found:
-            others = ", ".join(self._offered) or "on no other topic either"
-            reason = f"no map on {topic} yet; maps are offered: {others}. Name the topic with map_topic or namespace"
-            found.append(Problem("map", topic, reason))
+        if not self.maps_in and waited and self.port.is_reached():
+            found.append(Problem("map", topic, self._why_no_map(topic)))
         if self._unfit:
             found.append(Problem("map", topic, f"the map that came last can't be shared: {self._unfit}"))
         if self.maps_in and self._said_pose is None and waited:
             found.append(Problem("pose", self.options.base_frame, self._why_no_pose()))
         if self.peer.T_fleet_robot is None:
-            text = "start= is not given, so that the own map is not merged with any other: X,Y,YAW in the fleet's frame"
+            text = (
+                "no start is given, so that the own map is not merged with any other. Say where its map frame lies in "
+                "the fleet's: --start 0,0,0 (x, y, yaw), or start: [0.0, 0.0, 0.0] as a parameter"
+            )
             found.append(Problem("start", self.peer.robot, text))
         return (*found, *self.peer.health())
+
+    def _why_no_map(self, topic: str) -> str:
+        # What other bridges say is no robot's own map.
+        shared = self.options.fleet_map_topic.rsplit("/", 1)[-1]
+        others = [name for name in self._offered if name.rsplit("/", 1)[-1] != shared]
+        if others:
+            return (
+                f"no map on {topic} yet; maps are offered on {', '.join(others)}: name one with map_topic or namespace"
+            )
+        return f"no map on {topic} yet, and on no other topic either ({self.port.where()}): does the mapper run there?"
 
     # In
 
@@ -226,6 +242,8 @@ class Bridge:
             return (
                 f"no pose on {self.port.resolve(self.options.pose_topic)} yet: teammates don't see where this robot is"
             )
+        if "tf2_msgs" in self.port.problems():
+            return "no pose, as tf2_msgs is not installed: name a topic with pose_topic, as amcl_pose"
         why = self._transforms.why_not(self.map_frame, self.options.base_frame)
         return f"no pose: {why}. Name frames with map_frame and base_frame, or a topic with pose_topic"
 
@@ -304,6 +322,7 @@ class Bridge:
             await asyncio.sleep(WATCH_S)
             if not self.maps_in:
                 self._offered = await in_thread(partial(self.port.topics_of, cdr.MAP))
+            self._tell_news()
             own = self.problems()
             fleet_side = set(self.peer.health())  # the peer logs these itself
             for problem in own:
@@ -311,6 +330,17 @@ class Bridge:
                     logger.warning("%s: %s", self.peer.robot, problem.text)
             self._told = {(problem.kind, problem.robot) for problem in own}
             await in_thread(partial(self._say_status, own))
+
+    def _tell_news(self) -> None:
+        if self.maps_in and not self._told_first:
+            self._told_first = True
+            self._tell(f"maps come in on {self.port.resolve(self.options.map_topic)}, in frame {self.map_frame}")
+        living = {info.robot for info in self.peer.peers if info.alive}
+        for robot in sorted(living - self._seen):
+            self._tell(f"{robot} is in reach")
+        for robot in sorted(self._seen - living):
+            self._tell(f"{robot} is out of reach; its map stays")
+        self._seen = living
 
     def _say_status(self, problems: tuple[Problem, ...]) -> None:
         options, stamp_ns = self.options, self.port.now_ns()
@@ -322,8 +352,8 @@ class Bridge:
             names = said.names(mates, frame_id=frame, stamp_ns=stamp_ns)
             self._say[f"{options.teammates_topic}_names"](cdr.encode(names, cdr.MARKERS))
         if options.diagnostics_topic:
-            name = f"fleetmap: {self.peer.robot} in {self.peer.fleet}"
-            message = said.diagnostics(name, problems, self.figures(), stamp_ns=stamp_ns)
+            peer = self.peer
+            message = said.diagnostics(peer.robot, peer.fleet, problems, self.figures(), stamp_ns=stamp_ns)
             self._say[options.diagnostics_topic](cdr.encode(message, cdr.DIAGNOSTICS))
 
     def figures(self) -> dict[str, object]:
@@ -340,8 +370,12 @@ class Bridge:
         }
 
 
-async def serve(options: BridgeOptions, wire: WireOptions) -> None:
+async def serve(options: BridgeOptions, wire: WireOptions, tell: Callable[[str], None] = lambda text: None) -> None:
     """Join the fleet and bridge to ROS over Zenoh until it is cancelled.
+
+    Parameters
+    ----------
+    tell : as ``Bridge`` has it
 
     Raises
     ------
@@ -361,7 +395,7 @@ async def serve(options: BridgeOptions, wire: WireOptions) -> None:
         use_sim_time=wire.use_sim_time,
     )
     async with make_peer(options.join_options()) as peer:
-        await Bridge(peer, port, options).run()
+        await Bridge(peer, port, options, tell).run()
 
 
 def first(errors: BaseExceptionGroup[BaseException]) -> BaseException:

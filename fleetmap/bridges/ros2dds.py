@@ -20,6 +20,7 @@ class Ros2Dds:
     """The dialect of zenoh-bridge-ros2dds. Its ``--namespace`` is the ``namespace`` here."""
 
     name = "ros2dds"
+    where = "the topics that zenoh-bridge-ros2dds lets pass"
     router = "zenoh-bridge-ros2dds"
     tokens = "@/*/@ros2_lv/**"
 

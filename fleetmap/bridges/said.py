@@ -67,16 +67,20 @@ def transform(T_parent_child: Pose2, *, parent: str, child: str, stamp_ns: int) 
     return cdr.make(cdr.TF, transforms=[stamped])
 
 
-def diagnostics(name: str, problems: Sequence[Problem], values: Mapping[str, object], *, stamp_ns: int) -> Any:
-    """One status: OK, or a warning that names what is wrong; with figures beside it."""
-    kinds = ", ".join(sorted({problem.kind for problem in problems}))
+def diagnostics(
+    robot: str, fleet: str, problems: Sequence[Problem], values: Mapping[str, object], *, stamp_ns: int
+) -> Any:
+    """One status: OK, or a warning that says what is wrong; with figures beside it."""
+    first = (
+        f"{problems[0].text}" + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "") if problems else ""
+    )
     pairs = {**{f"{problem.kind} {problem.robot}".strip(): problem.text for problem in problems}, **values}
     status = cdr.make(
         "diagnostic_msgs/msg/DiagnosticStatus",
         level=WARN if problems else OK,
-        name=name,
-        message=kinds or "in the fleet",
-        hardware_id="",
+        name=f"fleetmap: {robot} in {fleet}",
+        message=first or "in the fleet",
+        hardware_id=robot,
         values=[cdr.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value)) for key, value in pairs.items()],
     )
     return cdr.make(cdr.DIAGNOSTICS, header=cdr.header("", stamp_ns), status=[status])

@@ -85,6 +85,7 @@ class ZenohPort:
         self._told: set[tuple[str, str]] = set()
         self._clock_ns = 0
         self._waiting = False
+        """Whether it has begun to look for a router."""
         self.refused: dict[tuple[str, str], int] = {}
         if use_sim_time:
             self.subscribe("/clock", cdr.CLOCK, LATEST, self._take_clock)
@@ -125,13 +126,20 @@ class ZenohPort:
 
     def problems(self) -> dict[str, str]:
         """What keeps it from ROS."""
-        session = self._session
-        lost = self._waiting if session is None else not self._listen and not session.info.routers_zid()
-        if lost:
+        if self._waiting and not self.is_reached():
             return {self._endpoint: self._no_router()}
         if self._sim_time and not self._clock_ns:
             return {"/clock": "use_sim_time is set, and nobody has said a time on /clock yet"}
         return {}
+
+    def is_reached(self) -> bool:
+        """Whether there is a router."""
+        session = self._session
+        return session is not None and (bool(self._listen) or bool(session.info.routers_zid()))
+
+    def where(self) -> str:
+        """The dialect, and of rmw_zenoh the domain."""
+        return self.dialect.where
 
     # Its life
 
@@ -142,6 +150,7 @@ class ZenohPort:
         ------
         LinkError : it can't listen where it is told to; or it is closed
         """
+        self._waiting = True
         while True:
             try:
                 await in_thread(self._open)
@@ -149,8 +158,10 @@ class ZenohPort:
             except zenoh.ZError as error:
                 reason = str(error).partition(" at /")[0]
                 if self._listen:
-                    raise LinkError(endpoint=self._listen, reason=reason) from None
-                self._waiting = True
+                    taken = (
+                        "something listens there already, perhaps ROS's own router: leave ros_listen out to use that"
+                    )
+                    raise LinkError(endpoint=f"ros_listen {self._listen}", reason=f"{taken} ({reason})") from None
             await asyncio.sleep(RETRY_S)
 
     async def close(self) -> None:
@@ -173,8 +184,8 @@ class ZenohPort:
 
     def _no_router(self) -> str:
         return (
-            f"no router at {self._endpoint}, so that no node of ROS is reached: start `{self.dialect.router}` there; "
-            "tried again each second"
+            f"no router at {self._endpoint}, so that no node of ROS is reached: start `{self.dialect.router}` there, "
+            f"or be it oneself with --ros-listen {self._endpoint}; tried again each second"
         )
 
     def _endpoint_of(self, topic: str, type_name: str, qos: Qos, *, publishes: bool) -> Endpoint:

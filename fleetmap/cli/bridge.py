@@ -76,7 +76,7 @@ def ros2(params_file: Path | None, for_s: float | None, given: dict[str, Any]) -
 
     For instance:  fleetmap bridge ros2 r1 --fleet site-4 --start 0,0,0 --connect tcp/10.0.0.2:7448
 
-    in the namespace of a robot, with its parameters in a file:  fleetmap bridge ros2 --params-file r1.yaml
+    in a namespace, with parameters in a file:  fleetmap bridge ros2 --namespace /r1 --params-file r1.yaml
     """
     from fleetmap.bridges.parameters import read_parameters
     from fleetmap.bridges.ros2 import serve
@@ -89,16 +89,16 @@ def ros2(params_file: Path | None, for_s: float | None, given: dict[str, Any]) -
         given = {**read_parameters(params_file, node=node, namespace=namespace), **given}
     options = BridgeOptions(**checked(BridgeOptions, given))
     wire = WireOptions(**checked(WireOptions, given))
-    stderr.print(
-        f"{options.robot} joins fleet {options.fleet}; ROS by {wire.via} at {wire.ros_listen or wire.ros_endpoint}. "
-        "Ctrl-C ends it.",
-        markup=False,
-        highlight=False,
-    )
+
+    def tell(text: str) -> None:
+        stderr.print(f"{options.robot}: {text}", markup=False, highlight=False, soft_wrap=True)
+
+    place = wire.ros_listen or wire.ros_endpoint
+    tell(f"joins fleet {options.fleet}; ROS by {wire.via} at {place}, {wire.dialect().where}. Ctrl-C ends it.")
 
     async def work() -> None:
         with suppress(TimeoutError):
             async with asyncio.timeout(for_s):
-                await serve(options, wire)
+                await serve(options, wire, tell)
 
     asyncio.run(work())

@@ -17,6 +17,7 @@ import typer
 from rich.markup import escape
 
 from fleetmap.__main__ import main as main
+from fleetmap.cli.align import align
 from fleetmap.cli.bridge import bridge
 from fleetmap.cli.compare import compare
 from fleetmap.cli.compiling import CompilingShown
@@ -41,7 +42,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (sim, stats, doctor, record, play, vectorize, rasterize, compare, paper, warmup):
+for command in (sim, stats, doctor, record, play, vectorize, rasterize, compare, align, paper, warmup):
     app.command()(command)
 app.add_typer(bridge, name="bridge")
 

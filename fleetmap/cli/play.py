@@ -11,7 +11,7 @@ import typer
 
 from fleetmap.cli.joining import Config, Connect, Listen, NoMulticast, profile, settings
 from fleetmap.cli.output import AsJson, print_json, progress_bar, stderr
-from fleetmap.model.errors import ConfigError
+from fleetmap.model.errors import ConfigError, MapFormatError
 
 if TYPE_CHECKING:
     from fleetmap.bridges.bags import Bag
@@ -49,7 +49,7 @@ def play(
     For instance:  fleetmap play rosbag2_2026_03_01-10_00_00 --robot r1 --topic /map --start 0,0,0 --rate 10
 
     A file that `fleetmap record` wrote comes back as the fleet that it was: all its robots, under their names, in one
-    process; --robot, --topic and --start are the recording's then.
+    process. With --robot, its /map, which is the merged one, is published by that robot alone.
 
     For instance:  fleetmap play RUN.mcap --fast --hold-s 60
     """
@@ -61,6 +61,8 @@ def play(
     from fleetmap.peer.options import JoinOptions
 
     with Bag(bag) as opened:
+        if not any(topic.messages for topic in opened.topics):
+            raise MapFormatError(path=bag, field="messages", reason="there are none")
         again = is_recording(opened) and not robot
         if not again and not robot:
             raise ConfigError(option="robot", value=robot, reason="expected the robot's name in the fleet, as r1")

@@ -20,7 +20,7 @@ def record(
     out: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="A file of that name is replaced.")],
     fleet: Annotated[str, typer.Option(metavar="NAME", help="The fleet to record.")] = "default",
     level: Annotated[str, typer.Option(metavar="NAME", help="Its storey.")] = "0",
-    robot: Annotated[str, typer.Option(metavar="NAME", help="The recorder's own name in the fleet.")] = "recorder",
+    robot: Annotated[str, typer.Option(metavar="NAME", help="The recorder's own name; else a free one.")] = "",
     connect: Connect = None,
     listen: Listen = None,
     no_multicast_scouting: NoMulticast = False,
@@ -44,10 +44,15 @@ def record(
     if as_json:
         print_json(document)
     else:
-        robots = ", ".join(document["robots"]) or "nobody"
-        typer.echo(f"{out}: {document['records']} records of {robots}, {document['file_bytes']:,} B")
+        robots = ", ".join(document["robots"])
+        if robots:
+            typer.echo(f"{out}: {document['records']} records of {robots}, {document['file_bytes']:,} B")
     if not document["robots"]:
-        stderr.print("nobody said anything: `fleetmap doctor` says why", markup=False, highlight=False)
+        stderr.print(
+            "nobody has a map there, so that no file was left: `fleetmap doctor` says why",
+            markup=False,
+            highlight=False,
+        )
         raise typer.Exit(1)
 
 
@@ -67,7 +72,7 @@ async def _record(
     began_s = time.monotonic()
     joined = {"fleet": fleet, "connect": connect, "listen": listen, "profile": found_by, "config": settings(config)}
     with progress(f"recording {fleet}") as tell:
-        async with recording(out, robot, level=level, **joined) as recorder:  # type: ignore[arg-type]
+        async with recording(out, robot=robot, level=level, **joined) as recorder:  # type: ignore[arg-type]
             try:
                 while for_s is None or time.monotonic() - began_s < for_s:
                     tell(f"{recorder.records} records of {len(recorder.robots)} robots")
@@ -86,6 +91,6 @@ def as_document(recorder: Recorder, out: Path, time_s: float) -> dict[str, Any]:
         "robots": sorted(recorder.robots),
         "records": recorder.records,
         "record_bytes": recorder.size_bytes,
-        "file_bytes": out.stat().st_size,
+        "file_bytes": out.stat().st_size if recorder.records else 0,
         "digest": recorder.digest,
     }

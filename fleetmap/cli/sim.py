@@ -114,7 +114,7 @@ def _recording(path: Path) -> Beside:
     check_name(path)
 
     def beside(fleet: str, endpoint: str) -> AbstractAsyncContextManager[object]:
-        return recording(path, "recorder", fleet=fleet, connect=[endpoint], profile="local")
+        return recording(path, fleet=fleet, connect=[endpoint], profile="local")
 
     return beside
 
@@ -174,7 +174,7 @@ class _PlainProgress:
             robots = " ".join(f"{r.robot}[{r.pid}]:{r.state}" for r in progress.robots)
             stderr.print(
                 f"{progress.phase}: t={progress.t_s:.0f} s, covered {100 * covered:.0f} %, "
-                f"{robots}, fleet {progress.fleet} at {progress.endpoint}",
+                f"{robots + ', ' if robots else ''}fleet {progress.fleet} at {progress.endpoint}",
                 highlight=False,
                 soft_wrap=True,
             )

@@ -179,7 +179,11 @@ def _per_cent(given: object) -> NDArray[np.int8]:
     elif cells.dtype.kind == "f":
         result = _of_probabilities(cells)
     elif cells.min() < -1 or cells.max() > 100:
-        hint = ": if 255 stands for unknown, cells.view(np.int8) has -1 for it" if cells.dtype == np.uint8 else ""
+        hint = (
+            ": if 255 is unknown, cells.view(np.int8) has -1 for it; the image of a map file is read by load_map"
+            if cells.dtype == np.uint8
+            else ""
+        )
         raise _refused("cells_yx", f"expected integers -1 to 100; found {_range(cells)}{hint}")
     else:
         result = np.array(cells, np.int8, order="C")

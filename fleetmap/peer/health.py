@@ -85,6 +85,15 @@ def other_fleets(fleet: str, others: Sequence[str]) -> Problem:
     return Problem("fleet", names, text)
 
 
+def only_router(endpoints: Sequence[str]) -> Problem:
+    """A router answers where a robot was to be, and no robot of the fleet is heard."""
+    names = ", ".join(endpoints[:MAX_NAMED])
+    text = (
+        f"a router listens at {names}, and no robot of the fleet is there: is it that of ROS? Robots listen elsewhere"
+    )
+    return Problem("router", names, text)
+
+
 def behind_router(robots: Sequence[str]) -> Problem:
     """Robots that a client hears by way of a router, and a peer doesn't."""
     names = ", ".join(robots[:MAX_NAMED]) + (f" and {len(robots) - MAX_NAMED} more" if len(robots) > MAX_NAMED else "")

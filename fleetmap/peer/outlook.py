@@ -9,7 +9,7 @@ from functools import partial
 
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.endpoints import split
-from fleetmap.peer.health import Problem, behind_router, other_fleets, unreachable
+from fleetmap.peer.health import Problem, behind_router, only_router, other_fleets, unreachable
 from fleetmap.peer.link import Network
 from fleetmap.peer.ports import is_local
 from fleetmap.peer.probe import Visit, why_not
@@ -123,6 +123,8 @@ class Outlook:
                     found |= visit.robots(self._fleet)
             if unheard := sorted(found - seen - {self._robot}):
                 return (behind_router(unheard),)
+            if not seen and self._settings.get("mode") == "peer":
+                return (only_router(self._dialled),)
         others = sorted(self._fleets() - {self._fleet.partition("/")[2]}) if not seen else []
         return (other_fleets(self._fleet.partition("/")[2], others),) if others else ()
 

@@ -114,7 +114,11 @@ class ZenohLink:
         except zenoh.ZError as error:
             await self.close()
             # Without the place in Zenoh's source.
-            raise LinkError(endpoint=self._endpoint, reason=re.sub(r" at /\S+", "", str(error))) from None
+            reason = re.sub(r" at /\S+", "", str(error))
+            if "Address already in use" in reason:
+                listen = ", ".join(map(str, self._settings["listen/endpoints"]))  # type: ignore[call-overload]
+                reason = f"something listens at {listen} already: expected a free port for listen="
+            raise LinkError(endpoint=self._endpoint, reason=reason) from None
 
     async def show(self, life: int) -> None:
         """Show the own token, and be asked and publish under this life, instead of the one before."""
