@@ -10,6 +10,7 @@ import pytest
 from bags import BEGIN_NS, FORMS, STEP_NS, conversation, growing, write_bag
 from conftest import two_rooms
 from mcap.reader import make_reader
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 import fleetmap
 from fleetmap.bridges import bag_stats, cdr, grids
@@ -111,6 +112,47 @@ def test_a_message_that_is_no_map_is_counted_and_the_rest_is_judged(tmp_path):
     assert (topic.messages, topic.refused) == (4, 1)
     assert "expected width x height = 7 x 80" in topic.reason
     assert topic.size_bytes == index_bytes(path, "/map")
+
+
+def odd_origin(k, talk):
+    talk[k][3].info.origin.position.x = 1e9
+    return talk
+
+
+def test_a_map_beyond_all_bounds_is_counted_and_the_rest_is_judged_and_played(tmp_path):
+    path = write_bag(tmp_path / "bag", "mcap", odd_origin(2, list(conversation(growing(4), updates=False))))
+    (topic,) = judge(path, topics=[]).topics
+    assert (topic.messages, topic.refused) == (4, 1)
+    assert "at most 17592186 m from 0" in topic.reason
+
+    async def play():
+        async with fleetmap.join("r1", start=Pose2(), link=MemoryHub(LoopClock()).link("r1")) as robot:
+            with Bag(path) as bag:
+                return await play_map(bag, robot, topic="/map", rate=None)
+
+    played = asyncio.run(play())
+    assert (played.maps, played.published, played.refused) == (4, 3, 1)
+
+
+def test_a_topic_with_connections_of_two_types_keeps_its_maps(tmp_path):
+    text = ("/map", cdr.TEXT, BEGIN_NS + 5, cdr.make(cdr.TEXT, data="no map"))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {t: writer.add_connection("/map", t, typestore=cdr.typestore()) for t in (cdr.MAP, cdr.TEXT)}
+        for _, type_name, now_ns, message in [*conversation(growing(3), updates=False), text]:
+            if type_name in connections:
+                writer.write(connections[type_name], now_ns, cdr.encode(message, type_name))
+    (topic,) = judge(tmp_path / "bag", topics=[]).topics
+    assert (topic.messages, topic.refused) == (3, 0)
+
+
+async def test_a_stamp_of_zero_is_no_pause(tmp_path):
+    first, *rest = conversation(growing(3), updates=False)
+    path = write_bag(tmp_path / "bag", "mcap", [(first[0], first[1], 0, first[3]), *rest])
+    async with fleetmap.join("r1", start=Pose2(), link=MemoryHub(LoopClock()).link("r1")) as robot:
+        with Bag(path) as bag:
+            async with asyncio.timeout(20):
+                played = await play_map(bag, robot, topic="/map", rate=4.0)
+    assert played.published == 3
 
 
 def test_what_is_no_bag_is_refused_with_a_word(tmp_path):

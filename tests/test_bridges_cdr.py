@@ -38,7 +38,7 @@ SPOKEN = {
     "clock": (cdr.CLOCK, cdr.make(cdr.CLOCK, clock=cdr.time_of(NOW_NS))),
     "diagnostics": (
         cdr.DIAGNOSTICS,
-        said.diagnostics("fleetmap: r1", [Problem("version", "r2", "é")], {"peers": 2}, stamp_ns=NOW_NS),
+        said.diagnostics("r1", "site", [Problem("version", "r2", "é")], {"peers": 2}, stamp_ns=NOW_NS),
     ),
     "map": (cdr.MAP, grids.map_message(GRID, **WHEN)),
     "update": (cdr.MAP_UPDATE, grids.update_message(GRID, CHANGED, **WHEN)),
@@ -164,7 +164,7 @@ def many(kind):
     elif kind == cdr.POSES:
         message = said.poses([HOLLOW] * MANY, **where)
     elif kind == cdr.DIAGNOSTICS:
-        message = said.diagnostics("", [], {}, stamp_ns=0)
+        message = said.diagnostics("", "", [], {}, stamp_ns=0)
         message.status[0].message, message.status[0].values = "", [PAIR] * MANY
     else:
         message = said.names([HOLLOW], **where)

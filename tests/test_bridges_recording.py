@@ -137,7 +137,7 @@ async def test_a_record_that_is_damaged_or_missing_is_named(tmp_path):
     flipped = bytearray(base64.b64decode(document["message"]))
     flipped[-3] ^= 1
     damaged = json.dumps({**document, "message": base64.b64encode(flipped).decode()})
-    for say in ([damaged], rest, ["no JSON"], ["{}"], [json.dumps({**document, "life": "x"})]):
+    for say in ([damaged], rest, ["no JSON"], ["[" * 100_000], ["{}"], [json.dumps({**document, "life": "x"})]):
         with McapFile(wrong) as file:
             file.add_topic(RECORDS_TOPIC, cdr.TEXT, STREAM)
             for k, text in enumerate(say):

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import random
+import socket
 import struct
 import time
 from contextlib import asynccontextmanager
@@ -316,6 +317,40 @@ def mutated(data, rng):
     for _ in range(8):
         data[rng.randrange(min(len(data), 120))] = rng.randrange(256)
     return bytes(data)
+
+
+async def test_a_teammate_kilometres_away_costs_the_drawn_map_and_nothing_else(ros):
+    hub = MemoryHub(LoopClock())
+    port, walls = zenoh_port(ros, node="mapper"), []
+    maps = port.advertise("map", cdr.MAP, LATCHED_QOS)
+    port.subscribe("fleet_walls", cdr.MARKERS, LATCHED_QOS, walls.append)
+    await port.open()
+    async with bridged(ros, hub=hub) as bridge:
+        maps(cdr.encode(grids.map_message(two_rooms(), frame_id="map", stamp_ns=1), cdr.MAP))
+        await until(lambda: bridge.maps_out == 1 and walls)
+        async with fleetmap.join("far", start=Pose2(2500.0, 2500.0, 0.0), link=hub.link("far")) as far:
+            await far.publish(two_rooms())
+            await until(lambda: any(p.kind == "fleet map" for p in bridge.problems()))
+            await until(lambda: len(walls) == 2)
+            (problem,) = (p for p in bridge.problems() if p.kind == "fleet map")
+            assert "A larger resolution_m takes fewer cells" in problem.text
+            await bridge.peer.forget("far")
+        await until(lambda: not any(p.kind == "fleet map" for p in bridge.problems()))
+    await port.close()
+
+
+async def test_a_router_that_accepts_and_says_nothing_keeps_nobody():
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        port = zenoh_port(mute.getsockname()[1])
+        say = port.advertise("map", cdr.MAP, LATCHED_QOS)
+        opening = asyncio.create_task(port.open())
+        await asyncio.sleep(0.5)
+        began_s = time.monotonic()
+        say(b"")
+        await port.close()
+        assert time.monotonic() - began_s < 1.0
+        opening.cancel()
+        await asyncio.gather(opening, return_exceptions=True)
 
 
 async def test_what_is_missing_is_said_in_words(ros):

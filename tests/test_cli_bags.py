@@ -122,7 +122,9 @@ def test_a_bag_a_bridge_and_a_simulated_robot_are_one_fleet_that_is_recorded_and
         )
         stack.enter_context(started(*play, "--connect", endpoint, cwd=tmp_path))
         stack.enter_context(started(*bridge, "--connect", endpoint, cwd=tmp_path))
-        until(lambda: {"r0", "bag", "ros", "recorder"} <= {p.robot for p in observer.peers if p.alive})
+        until(
+            lambda: {"r0", "bag", "ros", "recorder"} <= {p.robot.partition("-")[0] for p in observer.peers if p.alive}
+        )
         with Sdk(ros) as sdk:
             publisher = sdk.publisher("/map", cdr.MAP)
 
@@ -172,4 +174,32 @@ def test_record_says_that_nobody_was_there(fleetmap_command, tmp_path):
         "record", "run.mcap", "--connect", nobody, "--no-multicast-scouting", "--for-s", "1", cwd=tmp_path
     )
     assert run.code == 1
-    assert "nobody said anything" in run.err
+    assert "nobody has a map there, so that no file was left" in " ".join(run.err.split())
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_a_bridge_in_the_background_of_a_script_ends_by_sigterm(tmp_path):
+    """Such a shell has its jobs ignore Ctrl-C."""
+    nobody = f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
+    command = [sys.executable, "-m", "fleetmap", "bridge", "ros2", "r1", "--no-multicast-scouting"]
+    process = subprocess.Popen(
+        [*command, "--ros-endpoint", nobody],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    )
+    try:
+        for line in process.stderr:
+            if "joins fleet" in line:
+                break
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+        assert process.poll() is None
+        began_s = time.monotonic()
+        process.terminate()
+        assert process.wait(WAIT_S) == 130
+        assert time.monotonic() - began_s < 2.0 * TIMEOUT_FACTOR
+    finally:
+        process.kill()
+        process.communicate()

@@ -82,6 +82,11 @@ WRONG = [
     ({"data": np.zeros(9600)}, "expected a list or an array of int8: found float64"),
     ({"data": [300] * 9600}, "found 300 to 300"),
     ({"data": "x" * 9600}, "expected a list or an array of int8"),
+    ({"data": np.ma.zeros(9600, np.int8)}, "masked"),
+    ({"width": np.inf}, "width, height"),
+    ({"width": 119.5}, "width, height"),
+    ({"width": "120"}, "width, height"),
+    ({"resolution": 10**400}, "info.resolution: expected finite"),
 ]
 
 

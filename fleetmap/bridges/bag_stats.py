@@ -236,6 +236,8 @@ def _joined(first: TopicCost, *others: TopicCost) -> TopicCost:
     for other in others:
         first.sizes |= other.sizes
         first.warning = first.warning or other.warning
+        if other.refused > first.refused:
+            first.refused, first.reason = other.refused, other.reason
         first.about |= other.about
         first.series = [(t, {**a, **b}) for (t, a), (_, b) in zip(first.series, other.series, strict=True)]
     return first
@@ -276,7 +278,12 @@ def _costs(
                 # Caught: what a process of its own warns of, nobody hears.
                 with warnings.catch_warnings(record=True) as said:
                     warnings.simplefilter("always", MapWarning)
-                    added = sides[name].add(grid)
+                    try:
+                        added = sides[name].add(grid)
+                    except (ConfigError, MapFormatError) as error:  # a place beyond all bounds
+                        added = {}
+                        cost.refused += 1
+                        cost.reason = cost.reason or str(error)
                 cost.warning = cost.warning or "; ".join(str(each.message) for each in said)
                 for kind, size in added.items():
                     cost.sizes[kind] = cost.sizes.get(kind, 0) + size

@@ -100,11 +100,11 @@ class Bag:
         ------
         MapFormatError : the bag is damaged
         """
-        known = {topic.name: topic for topic in self.topics}
         connections = [c for c in self.reader.connections if c.topic in topics]
         try:
             for connection, stamp_ns, data in self.reader.messages(connections):
-                yield known[connection.topic], int(stamp_ns), bytes(data)
+                # A topic may have connections of several types.
+                yield Topic(connection.topic, str(connection.msgtype), connection.msgcount), int(stamp_ns), bytes(data)
         except Exception as error:  # of rosbags and all that it reads files with
             reason = f"damaged: {type(error).__name__}: {error}"
             raise MapFormatError(path=self.path, field="messages", reason=reason) from None

@@ -51,6 +51,7 @@ MAX_MESSAGE_BYTES = MAX_CELLS + 4096
 MAX_SMALL_BYTES = 4 << 20
 """All other messages: of many small parts, they take a dozen times as much once they are read."""
 
+MAX_NS = (2**31 - 1) * 10**9 + 10**9 - 1
 CDR_HEADERS = (b"\x00\x00", b"\x00\x01")
 """Plain CDR, big and little endian; two bytes of options follow."""
 
@@ -107,7 +108,8 @@ def decode(data: bytes, type_name: str, *, topic: str) -> Any:
 
 
 def time_of(stamp_ns: int) -> Any:
-    """A time of ROS."""
+    """A time of ROS; what doesn't fit is the last one that does."""
+    stamp_ns = min(max(stamp_ns, 0), MAX_NS)
     return make("builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleetmap.bridges import cdr
+from fleetmap.bridges.transforms import MAX_NAME
 from fleetmap.model.errors import MapFormatError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.grid_like import PATH, as_nav2_reads, cells_of, parts_of, size_of
@@ -39,10 +40,13 @@ class LatestMap:
         cells, resolution_m, origin = parts_of(message)
         if cells.size == 0:
             return False
+        frame_id = str(message.header.frame_id).lstrip("/")
+        if len(frame_id) > MAX_NAME:
+            raise MapFormatError(path=PATH, field="header.frame_id", reason=f"longer than {MAX_NAME} characters")
         kept = cells.copy()
         with self._lock:
             self._cells, self._resolution_m, self._origin, self._new = kept, resolution_m, origin, True
-            self.frame_id = str(message.header.frame_id).lstrip("/")
+            self.frame_id = frame_id
         return True
 
     def update(self, message: Any) -> bool:

@@ -15,7 +15,8 @@ from fleetmap.bridges.qos_yaml import offered_profiles
 from fleetmap.model.errors import ConfigError
 from fleetmap.version import __version__
 
-CHUNK_BYTES = 1 << 20
+CHUNK_BYTES = 128 << 10
+"""Who is killed loses one."""
 
 
 def check_name(path: Path) -> None:

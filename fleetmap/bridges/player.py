@@ -6,7 +6,7 @@ import asyncio
 import base64
 import json
 from collections.abc import Callable
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ from fleetmap.bridges.transforms import TransformBuffer
 from fleetmap.codecs import envelope
 from fleetmap.codecs.messages import CHECK_MASK, Record
 from fleetmap.engine import Limits, Stream, advance
-from fleetmap.model.errors import FleetmapError, MapFormatError, WireError
+from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError, WireError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.join import make_peer
 from fleetmap.peer.options import JoinOptions
@@ -27,8 +27,9 @@ from fleetmap.peer.peer import Peer
 
 POSE_NS = 500_000_000
 """Of the bag's time, between two poses that are announced."""
+LONGEST_GAP_NS = 3600 * 10**9
 MAX_ROBOTS = 64
-"""Of a recording: each is a peer of this process."""
+"""Of a recording, life by life: each is a peer of this process."""
 Tell = Callable[[int, int], None]
 
 
@@ -39,20 +40,22 @@ class Pace:
     Parameters
     ----------
     rate : how many times as fast as it was written; None: as fast as possible
-    begin_ns : of the bag
     """
 
     rate: float | None
-    begin_ns: int
-    began_s: float | None = None
+    before_ns: int | None = None
+    due_s: float = 0.0
 
     async def wait(self, stamp_ns: int) -> None:
         """Until the turn of what was written then; gives others a turn in any case."""
         now_s = asyncio.get_running_loop().time()
-        if self.began_s is None:
-            self.began_s = now_s
-        due_s = self.began_s if self.rate is None else self.began_s + (stamp_ns - self.begin_ns) / 1e9 / self.rate
-        await asyncio.sleep(max(0.0, due_s - now_s))
+        if self.before_ns is None:
+            self.before_ns, self.due_s = stamp_ns, now_s
+        gap_ns, self.before_ns = stamp_ns - self.before_ns, stamp_ns
+        # A clock that was set, or a stamp of 0, is no pause.
+        if self.rate is not None and 0 < gap_ns < LONGEST_GAP_NS:
+            self.due_s += gap_ns / 1e9 / self.rate
+        await asyncio.sleep(max(0.0, self.due_s - now_s))
 
 
 @dataclass(slots=True)
@@ -93,7 +96,7 @@ async def play_map(
     names = [topic, f"{topic}_updates", "/tf", "/tf_static"]
     total = sum(t.messages for t in bag.topics if t.name in names)
     latest, transforms, played = LatestMap(), TransformBuffer(), Played()
-    pace, said_ns = Pace(rate, bag.span_ns[0]), -POSE_NS
+    pace, said_ns = Pace(rate), -POSE_NS
     for done, (which, stamp_ns, data) in enumerate(bag.messages(names), 1):
         await pace.wait(stamp_ns)
         try:
@@ -105,7 +108,7 @@ async def play_map(
                 grid = _take(latest, which, message)
                 if grid is not None:
                     played.published += await peer.publish(grid, free_below=free_below, occupied_above=occupied_above)
-        except MapFormatError as error:
+        except (ConfigError, MapFormatError) as error:
             played.refused += 1
             played.reason = played.reason or str(error)
         frame = map_frame_id or latest.frame_id
@@ -113,7 +116,8 @@ async def play_map(
             found = transforms.lookup(frame, base_frame_id)
             if found is not None:
                 said_ns = stamp_ns
-                await peer.set_pose(found[0])
+                with suppress(ConfigError):  # no place on earth
+                    await peer.set_pose(found[0])
         tell(done, total)
     return played
 
@@ -141,16 +145,22 @@ async def play_recording(
     """
     streams: dict[tuple[str, int], Stream] = {}
     robots: dict[tuple[str, int], Peer] = {}
-    transforms, pace = TransformBuffer(), Pace(rate, bag.span_ns[0])
+    transforms, pace = TransformBuffer(), Pace(rate)
     total = sum(topic.messages for topic in bag.topics if topic.name in (RECORDS_TOPIC, TF_TOPIC))
     for done, (which, stamp_ns, data) in enumerate(bag.messages([RECORDS_TOPIC, TF_TOPIC]), 1):
         await pace.wait(stamp_ns)
+        expected = cdr.TF if which.name == TF_TOPIC else cdr.TEXT
+        if which.type_name != expected:
+            raise MapFormatError(
+                path=bag.path, field=which.name, reason=f"expected {expected}; found {which.type_name}"
+            )
         if which.name == TF_TOPIC:
             transforms.take(bag.decode(which, data).transforms, static=False)
             for (robot, _), peer in robots.items():
                 found = transforms.lookup(map_frame(robot), base_frame(robot))
                 if found is not None:
-                    await peer.set_pose(found[0])
+                    with suppress(ConfigError):  # no place on earth
+                        await peer.set_pose(found[0])
             tell(done, total)
             continue
         text = bag.decode(which, data).data
@@ -158,7 +168,9 @@ async def play_recording(
         streams[after.key] = after
         if after.key not in robots:
             if len(robots) == MAX_ROBOTS:
-                raise MapFormatError(path=bag.path, field=RECORDS_TOPIC, reason=f"more than {MAX_ROBOTS} robots")
+                raise MapFormatError(
+                    path=bag.path, field=RECORDS_TOPIC, reason=f"more than {MAX_ROBOTS} lives of robots"
+                )
             own = replace(options, robot=after.robot, level=after.level, start=after.start, if_taken="join")
             if robots and options.listen:
                 # One of them can listen there; the others find it there.
@@ -206,7 +218,7 @@ def _next_stream(bag: Bag, text: str, streams: dict[tuple[str, int], Stream]) ->
             limits=Limits(),
             mask=CHECK_MASK,
         )
-    except (ValueError, KeyError, TypeError, FleetmapError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, FleetmapError) as error:
         reason = f"{type(error).__name__}: {error}"
         raise MapFormatError(path=bag.path, field=RECORDS_TOPIC, reason=reason) from None
     return before, step.after

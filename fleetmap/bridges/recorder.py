@@ -14,6 +14,7 @@ import base64
 import re
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 
 from fleetmap.bridges import cdr, grids, said
@@ -22,6 +23,7 @@ from fleetmap.bridges.qos import LATCHED, STREAM
 from fleetmap.codecs.messages import StatsMessage
 from fleetmap.engine import Stream
 from fleetmap.engine.log import record_message
+from fleetmap.model.errors import MapFormatError
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import Pose2
 from fleetmap.model.threads import in_thread
@@ -48,7 +50,7 @@ def base_frame(robot: str) -> str:
 
 def sent_topic(robot: str) -> str:
     """Where the payload bytes that a robot has sent stand, as a name of ROS."""
-    return "/fleetmap/bytes_sent/_" + re.sub("[^A-Za-z0-9_]", "_", robot)
+    return "/fleetmap/bytes_sent/_" + re.sub("[.-]", lambda found: f"_{ord(found[0]):x}_", robot)
 
 
 class Recorder:
@@ -66,6 +68,7 @@ class Recorder:
     robots : whose maps were written
     records, size_bytes : of them
     digest : of the merged map that was written last
+    failure : why it stopped writing; None while it goes on
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Recorder:
         self.robots: set[str] = set()
         self.records = self.size_bytes = 0
         self.digest = ""
+        self.failure: BaseException | None = None
         for topic, type_name, qos in (
             (MAP_TOPIC, cdr.MAP, LATCHED),
             (WALLS_TOPIC, cdr.MARKERS, LATCHED),
@@ -87,10 +91,13 @@ class Recorder:
             file.add_topic(topic, type_name, qos)
 
     async def run(self) -> None:
-        """Write until it is cancelled; ``finish`` writes what came last."""
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._follow())
-            group.create_task(self._look())
+        """Write until it is cancelled, or something is in the way; ``finish`` writes what came last."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._follow())
+                group.create_task(self._look())
+        except BaseExceptionGroup as errors:  # the disk is full, or the peer is closed
+            self.failure = errors.exceptions[0]
 
     async def finish(self) -> None:
         """Write what is held now."""
@@ -111,8 +118,9 @@ class Recorder:
         for stream in streams:
             self._write_record(stream, stamp_ns)
         if len(merged) and merged.digest != self.digest:
-            grid = grids.map_message(merged.to_grid(), frame_id=FLEET_FRAME, stamp_ns=stamp_ns)
-            self._file.write(MAP_TOPIC, stamp_ns, cdr.encode(grid, cdr.MAP))
+            with suppress(MapFormatError):  # robots kilometres apart make no grid; their walls and records are there
+                grid = grids.map_message(merged.to_grid(), frame_id=FLEET_FRAME, stamp_ns=stamp_ns)
+                self._file.write(MAP_TOPIC, stamp_ns, cdr.encode(grid, cdr.MAP))
             walls = said.walls(merged, frame_id=FLEET_FRAME, stamp_ns=stamp_ns)
             self._file.write(WALLS_TOPIC, stamp_ns, cdr.encode(walls, cdr.MARKERS))
             self.digest = merged.digest

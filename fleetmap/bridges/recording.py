@@ -78,6 +78,8 @@ async def recording(
                     running.cancel()
                     with suppress(asyncio.CancelledError):
                         await running
+                    if recorder.failure is not None:
+                        raise recorder.failure
                     with suppress(FleetmapError):
                         await recorder.finish()
     finally:

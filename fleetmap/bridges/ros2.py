@@ -74,7 +74,7 @@ class Bridge:
         self._last_out: OccupancyGrid | None = None
         self._began_s = time.monotonic()
         self._offered: list[str] = []
-        self._unfit = ""
+        self._unfit, self._undrawn = "", ""
         self._told: set[tuple[str, str]] = set()
         self._hear()
         self._offer()
@@ -119,6 +119,9 @@ class Bridge:
             found.append(Problem("map", topic, self._why_no_map(topic)))
         if self._unfit:
             found.append(Problem("map", topic, f"the map that came last can't be shared: {self._unfit}"))
+        if self._undrawn:
+            text = f"the fleet's map can't be drawn as a grid: {self._undrawn}. A larger resolution_m takes fewer cells"
+            found.append(Problem("fleet map", self.port.resolve(self.options.fleet_map_topic), text))
         if self.maps_in and self._said_pose is None and waited:
             found.append(Problem("pose", self.options.base_frame, self._why_no_pose()))
         if self.peer.T_fleet_robot is None:
@@ -214,13 +217,13 @@ class Bridge:
     async def _tell_pose(self) -> None:
         while True:
             await asyncio.sleep(POSE_S)
-            pose = self._pose_now()
-            if pose is not None and (self._said_pose is None or _differs(pose, self._said_pose)):
-                try:
+            try:
+                pose = self._pose_now()
+                if pose is not None and (self._said_pose is None or _differs(pose, self._said_pose)):
                     await self.peer.set_pose(pose)
                     self._said_pose = pose
-                except ConfigError as error:  # farther than poses travel
-                    self._refuse(self.options.pose_topic or self.options.tf_topic, error)
+            except ConfigError as error:  # no place on earth
+                self._refuse(self.options.pose_topic or self.options.tf_topic, error)
 
     def _pose_now(self) -> Pose2 | None:
         """T_map_base, as far as it is known."""
@@ -288,7 +291,15 @@ class Bridge:
 
     def _say_map(self, merged: MergedMap, frame: str) -> None:
         options, stamp_ns = self.options, self.port.now_ns()
-        grid = merged.to_grid(options.resolution_m or None)
+        if options.markers_topic:
+            walls = said.walls(merged, frame_id=frame, stamp_ns=stamp_ns)
+            self._say[options.markers_topic](cdr.encode(walls, cdr.MARKERS))
+        try:
+            grid = merged.to_grid(options.resolution_m or None)
+            self._undrawn = ""
+        except MapFormatError as error:  # too many cells: a teammate is kilometres away
+            self._undrawn = str(error)
+            return
         topic = options.fleet_map_topic
         if options.fleet_map_updates:
             before, self._last_out = self._last_out, grid
@@ -299,9 +310,6 @@ class Bridge:
                 self._say[f"{topic}_updates"](cdr.encode(update, cdr.MAP_UPDATE))
         message = grids.map_message(grid, frame_id=frame, stamp_ns=stamp_ns)
         self._say[topic](cdr.encode(message, cdr.MAP))
-        if options.markers_topic:
-            walls = said.walls(merged, frame_id=frame, stamp_ns=stamp_ns)
-            self._say[options.markers_topic](cdr.encode(walls, cdr.MARKERS))
         self.maps_out += 1
 
     async def _say_frame(self) -> None:

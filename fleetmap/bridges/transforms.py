@@ -22,6 +22,8 @@ KEPT_S = 10.0
 """How far back transforms are kept, as in tf2."""
 MAX_SAMPLES = 2000
 """Of one child: 200 a second."""
+MAX_SAMPLES_IN_ALL = 40_000
+"""Each takes some 500 B; of many children each has room for a share."""
 MAX_FRAMES = 512
 """Child frames that are known; more are refused and counted."""
 MAX_NAME = 255
@@ -144,7 +146,8 @@ class TransformBuffer:
         else:
             samples.append((stamp_ns, transform))
         old = bisect_left(samples, samples[-1][0] - int(KEPT_S * 1e9), key=lambda sample: sample[0])
-        del samples[: max(old, len(samples) - MAX_SAMPLES)]
+        room = min(MAX_SAMPLES, MAX_SAMPLES_IN_ALL // len(self._children))
+        del samples[: max(old, len(samples) - room)]
 
     def _way(self, name: str) -> list[str]:
         """The frame, its parent, and so on; stops where it would go round."""

@@ -82,6 +82,7 @@ class ZenohPort:
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._closed, self._entering = threading.Event(), threading.Lock()
+        """The lock is for calls that return at once: opening a session may take long."""
         self._told: set[tuple[str, str]] = set()
         self._clock_ns = 0
         self._waiting = False
@@ -207,11 +208,12 @@ class ZenohPort:
 
     def _open(self) -> None:
         endings.enter_zenoh(self._endpoint)
+        endings.opened(self)
+        session = zenoh.open(zenoh_config(self._settings()))
         with self._entering:
-            if self._closed.is_set():
+            if self._closed.is_set():  # nobody waited for this any more
+                session.close()  # type: ignore[no-untyped-call]
                 raise LinkError(endpoint=self._endpoint, reason="closed while it was opened")
-            endings.opened(self)
-            session = zenoh.open(zenoh_config(self._settings()))
             self._declare(session)
             self._session = session
 

@@ -74,7 +74,7 @@ async def _record(
     with progress(f"recording {fleet}") as tell:
         async with recording(out, robot=robot, level=level, **joined) as recorder:  # type: ignore[arg-type]
             try:
-                while for_s is None or time.monotonic() - began_s < for_s:
+                while recorder.failure is None and (for_s is None or time.monotonic() - began_s < for_s):
                     tell(f"{recorder.records} records of {len(recorder.robots)} robots")
                     left_s = 1.0 if for_s is None else for_s - (time.monotonic() - began_s)
                     await asyncio.sleep(max(0.0, min(1.0, left_s)))

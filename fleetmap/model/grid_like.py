@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.model.checks import check_type
+from fleetmap.model.checks import as_number, check_type
 from fleetmap.model.errors import ConfigError, MapFormatError
 from fleetmap.model.grid import MAX_CELLS, OccupancyGrid
 from fleetmap.model.mergedmap import MergedMap
@@ -151,10 +151,8 @@ def size_of(height: Any, width: Any) -> tuple[int, int]:
     ------
     MapFormatError : there are too many
     """
-    try:
-        rows, columns = int(height), int(width)
-    except (TypeError, ValueError):
-        rows = columns = -1
+    whole = [as_number(part) for part in (height, width)]
+    rows, columns = (-1 if part is None or part != int(part) else int(part) for part in whole)
     if rows < 0 or columns < 0 or rows * columns > MAX_CELLS:
         reason = f"expected at most {MAX_CELLS} cells; found {width!r} x {height!r}"
         raise MapFormatError(path=PATH, field="width, height", reason=reason)
@@ -169,6 +167,8 @@ def cells_of(data: Any, height: int, width: int) -> NDArray[np.int8]:
     MapFormatError : these are not so many small numbers
     """
     try:
+        if isinstance(data, np.ma.MaskedArray):
+            raise TypeError("found a masked array: .filled(-1) makes masked cells unknown")
         array = np.asarray(data)
         if array.dtype.kind not in "iu" and array.size:
             raise TypeError(f"found {array.dtype}")
@@ -195,7 +195,7 @@ def _field(info: Any, name: str) -> Any:
 def _number(value: Any, field: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise MapFormatError(path=PATH, field=field, reason=f"expected finite numbers; found {value!r}")
