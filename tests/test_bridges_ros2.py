@@ -83,9 +83,9 @@ async def test_a_map_comes_in_and_the_fleet_map_is_there_for_who_comes_later(ros
     with Sdk(ros) as sdk:
         async with bridged(ros, start="3,0,1.5707963267948966") as bridge:
             publisher = sdk.publisher("/map", cdr.MAP)
-            await until(lambda: bridge._offered == ["/map"])
+            await until(lambda: bridge.offered == ["/map"])
             say_grid(publisher, grid)
-            await until(lambda: bridge.maps_out)
+            await until(lambda: bridge.saying.maps_out)
             began_s = time.monotonic()
             late = await asyncio.to_thread(sdk.heard, "/fleet_map", cdr.MAP, qos=LATCHED)
             lines = await asyncio.to_thread(sdk.heard, "/fleet_walls", cdr.MARKERS, qos=LATCHED)
@@ -137,7 +137,7 @@ async def test_updates_change_the_last_map(ros):
     with Sdk(ros) as sdk:
         async with bridged(ros) as bridge:
             maps, updates = sdk.publisher("/map", cdr.MAP), sdk.publisher("/map_updates", cdr.MAP_UPDATE)
-            await until(lambda: bridge._offered == ["/map"])
+            await until(lambda: bridge.offered == ["/map"])
             say_grid(maps, before)
             await until(lambda: bridge.maps_published == 1)
             message = grids.update_message(before, after, frame_id="map", stamp_ns=1)
@@ -182,9 +182,9 @@ async def test_the_bridge_is_a_router_itself_where_no_ros_is_installed(port):
         await until(lambda: bridge.port._session is not None)
         with Sdk(port) as sdk:
             publisher = sdk.publisher("/map", cdr.MAP)
-            await until(lambda: bridge._offered == ["/map"])
+            await until(lambda: bridge.offered == ["/map"])
             say_grid(publisher, two_rooms())
-            await until(lambda: bridge.maps_out)
+            await until(lambda: bridge.saying.maps_out)
     taken = free_port("127.0.0.1")
     with ros_router(f"tcp/127.0.0.1:{taken}"), pytest.raises(fleetmap.LinkError, match=f"127.0.0.1:{taken}"):
         await zenoh_port(taken, listen=f"tcp/127.0.0.1:{taken}").open()
@@ -200,7 +200,7 @@ async def test_zenoh_bridge_ros2dds_is_spoken_to_by_names_alone(ros):
         offered = Ros2Dds().endpoint_token(zid, Endpoint(True, 1, "/", "x", "/r1/map", cdr.MAP, LATCHED_QOS))
         token = session.liveliness().declare_token(offered)
         async with bridged(ros, dialect=Ros2Dds(), wire={"namespace": "/r1"}) as bridge:
-            await until(lambda: bridge._offered == ["/r1/map"])
+            await until(lambda: bridge.offered == ["/r1/map"])
             session.put("r1/map", cdr.encode(grids.map_message(two_rooms(), frame_id="map", stamp_ns=1), cdr.MAP))
             await until(lambda: came)
             shown = [str(reply.ok.key_expr) for reply in session.liveliness().get("@/*/@ros2_lv/MP/**")]
@@ -251,7 +251,7 @@ async def test_a_burst_of_maps_coalesces_and_the_last_one_counts(ros):
     await port.open()
     cells = two_rooms().cells_yx.copy()
     async with bridged(ros, map_rate_hz=5.0) as bridge:
-        await until(lambda: bridge._offered == ["/map"])
+        await until(lambda: bridge.offered == ["/map"])
         for k in range(100):
             cells[20 + k % 40, 20 + k // 4] = 100
             grid = fleetmap.OccupancyGrid(cells, 0.05, two_rooms().origin)
@@ -294,9 +294,9 @@ async def test_garbage_is_counted_and_nothing_else_happens(ros):
             message = grids.map_message(larger, frame_id="map", stamp_ns=9)
             put(map_key, cdr.encode(message, cdr.MAP))
             await until(lambda: bridge.peer.merged.bounds_m()[2] == 10.0, wait_s=3 * WAIT_S)
-            refused = sum(bridge.refused.values()) + bridge._transforms.refused
+            refused = bridge.hearing.refusals
             assert refused > MUTATIONS / 20
-            assert len(bridge.refused) < 20
+            assert len(bridge.hearing.refused) < 20
             assert bridge.port.refused["/map", "hash"] >= MUTATIONS // 100
     finally:
         session.close()
@@ -327,7 +327,7 @@ async def test_a_teammate_kilometres_away_costs_the_drawn_map_and_nothing_else(r
     await port.open()
     async with bridged(ros, hub=hub) as bridge:
         maps(cdr.encode(grids.map_message(two_rooms(), frame_id="map", stamp_ns=1), cdr.MAP))
-        await until(lambda: bridge.maps_out == 1 and walls)
+        await until(lambda: bridge.saying.maps_out == 1 and walls)
         async with fleetmap.join("far", start=Pose2(2500.0, 2500.0, 0.0), link=hub.link("far")) as far:
             await far.publish(two_rooms())
             await until(lambda: any(p.kind == "fleet map" for p in bridge.problems()))
@@ -358,7 +358,7 @@ async def test_what_is_missing_is_said_in_words(ros):
     port.advertise("/robot7/map", cdr.MAP, LATCHED_QOS)
     await port.open()
     async with bridged(ros, start="") as bridge:
-        await until(lambda: bridge._offered)
+        await until(lambda: bridge.offered)
         bridge._began_s -= 60.0
         texts = {problem.kind: problem.text for problem in bridge.problems()}
         assert texts["map"].startswith("no map on /map yet; maps are offered on /robot7/map:")
@@ -375,7 +375,7 @@ async def test_simulated_time_is_that_of_clock(ros):
     async with bridged(ros, wire={"use_sim_time": True}) as bridge:
         maps(cdr.encode(grids.map_message(two_rooms(), frame_id="map", stamp_ns=1), cdr.MAP))
         await until(lambda: "/clock" in bridge.port.problems())
-        await until(lambda: bridge.maps_in)
+        await until(lambda: bridge.hearing.maps_in)
         assert not clock
         say(cdr.encode(cdr.make(cdr.CLOCK, clock=cdr.time_of(5_000_000_007)), cdr.CLOCK))
         await until(lambda: clock)
