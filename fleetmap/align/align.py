@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from fleetmap.align.accept import judge
+from fleetmap.align.accept import judge, rival
 from fleetmap.align.candidates import candidates
 from fleetmap.align.evidence import Evidence, weigh
 from fleetmap.align.protocol import Alignment, Matrix
@@ -21,14 +21,14 @@ from fleetmap.align.walls import Floats, Walls, walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 
-HYPOTHESES = 16
+HYPOTHESES = 20
 """So many candidates are refined."""
 ELSEWHERE_M, ELSEWHERE_RAD = 0.5, math.radians(4.0)
 """What is farther from another hypothesis, anywhere in what both have, is another place."""
-SIGMA_M = 0.02
-"""Of a sight of a wall about the line that stands for it, and so much again for what walls have in common ..."""
+SIGMA_M = 0.025
+"""Of a sight of a wall about the line that stands for it."""
 ALIKE_OVER_M = 1.0
-"""... over so much of it: sights along one wall aren't independent."""
+"""Sights along so much of a wall aren't independent."""
 ZEROS: Matrix = ((0.0, 0.0, 0.0),) * 3
 
 
@@ -50,8 +50,7 @@ def align_walls(a: Walls, b: Walls) -> Alignment:
     poses = refine(a, b, found)
     weighed = [(weigh(a, b, pose_of(row)), row) for row in poses.rows]
     best, row = max(weighed, key=lambda each: each[0].score_m)
-    others = [evidence for evidence, other in weighed if elsewhere(a, b, row, other)]
-    second = max(others, key=lambda evidence: evidence.score_m, default=None)
+    second = rival(evidence for evidence, other in weighed if elsewhere(a, b, row, other))
     outcome, text = judge(best, second)
     covariance, middle = spread(a, b, row) if outcome == "committed" else (ZEROS, (0.0, 0.0))
     return Alignment(outcome, pose_of(row), covariance, middle, best, second, text)
