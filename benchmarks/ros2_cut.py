@@ -43,6 +43,7 @@ from fleetmap.sims.worlds import make_world
 
 PORT, ROS_PORT, DOMAIN = 7448, 7447, 7
 BEFORE_S = 10
+"""So long both map within reach, before the cut."""
 LIMIT_S = 60.0
 ALIKE_MS = 98.5
 """Per cent of equal cells from which on a map counts as complete; what is still missing then is less than a step."""
@@ -88,10 +89,10 @@ def truth(size_m: float) -> OccupancyGrid:
     return OccupancyGrid.from_states(states, 0.05, world.origin)
 
 
-def run(size_m: float, cut_s: float) -> dict[str, Any]:
+def run(size_m: float, before_s: int, cut_s: float) -> dict[str, Any]:
     """The whole story, in a namespace of one's own."""
     whole, python = truth(size_m), next(iter(os.environ.get("FLEETMAP_ROS", "").split(os.pathsep)), "")
-    steps = BEFORE_S + round(cut_s)
+    steps = before_s + round(cut_s)
     height_m = whole.height * whole.resolution_m
     turn = f"{whole.origin.x_m},{whole.origin.y_m + height_m},{-np.pi / 2}"
     os.environ.update(environment(DOMAIN))
@@ -115,7 +116,7 @@ def run(size_m: float, cut_s: float) -> dict[str, Any]:
         time.sleep(5.0)
         for step in range(steps):
             began_s = time.monotonic()
-            if step == BEFORE_S:
+            if step == before_s:
                 before = [alike(robot, robots, step - 1, whole) for robot in robots]
                 air.cut(2)
             for robot in robots:
@@ -201,11 +202,11 @@ def main() -> int:
     parser.add_argument(INSIDE, action="store_true", dest="inside", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.tiny:
-        options.cut_s, options.size = 3.0, 10.0
+        options.cut_s, options.size = 2.0, 10.0
     if not options.inside:
         compile_ahead(modules_of(*AGENT))
         return in_a_namespace(__file__)
-    document = run(options.size, options.cut_s)
+    document = run(options.size, 2 if options.tiny else BEFORE_S, options.cut_s)
     if options.json:
         print(json.dumps(document, indent=2))
     else:

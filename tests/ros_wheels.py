@@ -29,6 +29,11 @@ def wheels() -> list[Any]:
     return [pytest.param(Path(path), id=Path(path).parent.parent.name) for path in named]
 
 
+def one_of_the_wheels() -> list[Any]:
+    """The first of them: what nodes do to each other is the same in all."""
+    return wheels()[:1]
+
+
 def environment(domain: int) -> dict[str, str]:
     """This checkout and what it needs beside ROS's packages; nodes of this machine and of this test alone."""
     found = os.pathsep.join([str(ROOT), sysconfig.get_paths()["purelib"], sysconfig.get_paths()["platlib"]])

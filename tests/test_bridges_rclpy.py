@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import TIMEOUT_FACTOR, two_rooms
 from ros_sdk import Sdk, ros_router, say_grid
-from ros_wheels import ros_node, start_bridge, wheels
+from ros_wheels import one_of_the_wheels, ros_node, start_bridge, wheels
 
 import fleetmap
 from fleetmap.bridges import cdr, grids, said
@@ -27,6 +27,7 @@ WAIT_S = 15.0 * TIMEOUT_FACTOR
 BRIDGE_ENDS_S = 2.0
 
 python = pytest.mark.parametrize("python", wheels())
+one_python = pytest.mark.parametrize("python", one_of_the_wheels())
 
 
 def merged_rooms():
@@ -95,7 +96,7 @@ def test_hashes_are_those_of_the_wheels(python):
     assert set(cdr.HASHES) - checked == {cdr.TF, cdr.MAP_UPDATE}
 
 
-@python
+@one_python
 def test_two_robots_one_by_rclpy_and_one_by_the_wire_see_one_growing_map_and_end_at_once(python, tmp_path):
     """r1's bridge is the rclpy node, r2's the Zenoh one, a quarter turn between their maps."""
     port, fleet_port = free_port("127.0.0.1"), free_port("127.0.0.1")
@@ -167,7 +168,7 @@ def until_like(look, grid):
     raise AssertionError(found)
 
 
-@python
+@one_python
 def test_a_parameter_that_is_wrong_ends_the_node_with_a_word(python):
     process = start_bridge(python, {"robot": "r1", "start": "'1,2'"}, namespace="/", domain=DOMAIN)
     _, err = process.communicate(timeout=WAIT_S)
@@ -175,7 +176,7 @@ def test_a_parameter_that_is_wrong_ends_the_node_with_a_word(python):
     assert "start='1,2': expected X,Y,YAW" in err
 
 
-@python
+@one_python
 def test_the_node_takes_a_pose_topic_and_says_which_packages_are_missing(python):
     fleet_port = free_port("127.0.0.1")
     own = {"robot": "r1", "fleet": "pose", "profile": "local", "start": "[1.0, 0.0, 0.0]"}
