@@ -6,12 +6,10 @@ Needs rclpy and nav_msgs. Beside a bridge in the same namespace (docs/ros2.md):
 """
 
 import argparse
-import array
 import contextlib
 
 import rclpy
 from nav_msgs.msg import OccupancyGrid
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 import fleetmap
@@ -22,7 +20,7 @@ def main(namespace: str, map_yaml: str, half: str) -> None:
     grid = fleetmap.load_map(map_yaml)
     cells, middle = grid.cells_yx.copy(), grid.width // 2
     cells[:, slice(middle, None) if half == "left" else slice(None, middle)] = -1
-    message = OccupancyGrid(data=array.array("b", cells.tobytes()))
+    message = OccupancyGrid(data=cells.reshape(-1).tolist())
     message.header.frame_id, message.info.resolution = f"{namespace[1:]}/map", grid.resolution_m
     message.info.height, message.info.width = cells.shape
     message.info.origin.position.x, message.info.origin.position.y = grid.origin.x_m, grid.origin.y_m
@@ -31,18 +29,17 @@ def main(namespace: str, map_yaml: str, half: str) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
     def heard(shared: OccupancyGrid) -> None:
-        known = sum(cell >= 0 for cell in shared.data)
-        print(f"{namespace}/fleet_map: {shared.info.width} x {shared.info.height}, {known} cells known", flush=True)
+        print(f"{namespace}/fleet_map: {sum(cell >= 0 for cell in shared.data)} cells known", flush=True)
 
     node.create_subscription(OccupancyGrid, "fleet_map", heard, latched)
     node.create_publisher(OccupancyGrid, "map", latched).publish(message)
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+    with contextlib.suppress(KeyboardInterrupt):
         rclpy.spin(node)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("namespace", help="as /r1")
-    parser.add_argument("map_yaml", metavar="map", help="a map_server YAML")
+    parser.add_argument("map_yaml", help="a map of map_server")
     parser.add_argument("--half", choices=["left", "right"], default="left")
     main(**vars(parser.parse_args()))

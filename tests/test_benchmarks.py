@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -14,22 +13,9 @@ SCRIPTS = sorted((Path(__file__).parent.parent / "benchmarks").glob("*.py"))
 OWN_TESTS = ("wire",)
 
 
-@pytest.fixture(scope="module")
-def running(request, timeout_factor):
-    """Those scripts that are to be tested, two at a time: they wait more than they work."""
-
-    def run(script):
-        command = [sys.executable, script, "--tiny"]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120 * timeout_factor, check=False)
-
-    named = [item.callspec.params["script"] for item in request.session.items if "running" in item.fixturenames]
-    with ThreadPoolExecutor(2) as pool:
-        yield {script: pool.submit(run, script) for script in named}
-
-
 @pytest.mark.parametrize("script", [s for s in SCRIPTS if s.stem not in OWN_TESTS], ids=lambda path: path.stem)
-def test_every_benchmark_runs_on_tiny_input(script, running):
-    done = running[script].result()
+def test_every_benchmark_runs_on_tiny_input(script, beside):
+    done = beside[script].result()
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
 
