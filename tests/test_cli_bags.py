@@ -40,7 +40,7 @@ def test_stats_of_a_bag(fleetmap_command, bag, tmp_path):
 
 
 def test_stats_of_a_bag_for_people(bag, capsys):
-    assert main.run(["stats", str(bag)]) == 0
+    assert main._run(["stats", str(bag)]) == 0
     out = capsys.readouterr().out
     assert "4 maps and 4 updates" in out
     assert "changed rectangles, gzip -6" in out
@@ -73,7 +73,7 @@ def test_what_is_wrong_is_said_at_once(bag, map_folder, monkeypatch, capsys, arg
     monkeypatch.chdir(map_folder)
     showwarning = warnings.showwarning
     try:
-        assert main.run([*arguments, "--json"] if arguments[0] != "bridge" else arguments) == code
+        assert main._run([*arguments, "--json"] if arguments[0] != "bridge" else arguments) == code
     finally:
         warnings.showwarning = showwarning
     said = capsys.readouterr()
