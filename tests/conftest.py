@@ -5,8 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,14 +38,25 @@ def pytest_configure(config):
         compile_ahead(kernel_modules())
 
 
-def is_benchmark(item):
-    """Whether a test looks at what came of a benchmark."""
-    return "script" in getattr(getattr(item, "callspec", None), "params", {})
-
-
 def pytest_collection_modifyitems(items):
-    """Benchmarks run beside all other tests (``beside``), so that what came of them is asked for last."""
-    items.sort(key=is_benchmark)
+    """Benchmarks come last: they are what is left out when the time is over."""
+    items.sort(key=lambda item: "in_time" in getattr(item, "fixturenames", ()))
+
+
+BUDGET_S = float(os.environ.get("FLEETMAP_TEST_BUDGET_S", "840"))
+"""So long after the first test benchmarks are still begun."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def begun_s():
+    return time.monotonic()
+
+
+@pytest.fixture
+def in_time(begun_s):
+    """Skips, and says so, what would make the suite too long."""
+    if time.monotonic() - begun_s > BUDGET_S:
+        pytest.skip(f"the suite has run for {BUDGET_S:.0f} s: FLEETMAP_TEST_BUDGET_S gives it longer")
 
 
 TIMEOUT_FACTOR = float(os.environ.get("FLEETMAP_TEST_TIMEOUT_FACTOR", "1"))
@@ -63,21 +74,6 @@ class Run:
     @property
     def document(self):
         return json.loads(self.out)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def beside(request):
-    """The benchmarks that are to be tested, one after the other in the background: tests wait more than they work."""
-
-    def run(script):
-        command = [sys.executable, script, "--tiny"]
-        return subprocess.run(command, capture_output=True, text=True, timeout=240 * TIMEOUT_FACTOR, check=False)
-
-    # Autouse: all tests have it; those of benchmarks also have a script.
-    named = [item.callspec.params["script"] for item in request.session.items if is_benchmark(item)]
-    with ThreadPoolExecutor(1) as pool:
-        yield {script: pool.submit(run, script) for script in named}
-        pool.shutdown(cancel_futures=True)
 
 
 @pytest.fixture(scope="session")

@@ -170,17 +170,6 @@ def joined(endpoint):
         yield peer
 
 
-def test_a_simulated_run_is_recorded(fleetmap_command, tmp_path):
-    run = fleetmap_command(
-        *("sim", "--robots", "2", "--world", "maze", "--size", "8", "--seed", "1"),
-        *("--out", "RUN", "--record", "run.mcap", "--listen", "tcp/127.0.0.1:0", "--json"),
-        cwd=tmp_path,
-    )
-    assert run.code == 0, run.err
-    again = fleetmap_command("play", "run.mcap", "--fast", "--json", "--fleet", "again", cwd=tmp_path)
-    assert again.document["digest"] == run.document["digest"]
-
-
 def test_record_says_that_nobody_was_there(fleetmap_command, tmp_path):
     nobody = f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
     run = fleetmap_command(

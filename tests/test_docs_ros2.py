@@ -46,10 +46,12 @@ def test_a_bag_is_judged_and_played_as_the_page_says(tmp_path):
 def test_the_topics_of_a_recording_are_those_of_the_page(tmp_path, fleetmap_command):
     run = fleetmap_command(
         *("sim", "--robots", "1", "--world", "maze", "--size", "6", "--listen", "tcp/127.0.0.1:0"),
-        *("--record", "run.mcap", "--out", "RUN"),
+        *("--record", "run.mcap", "--out", "RUN", "--json"),
         cwd=tmp_path,
     )
     assert run.code == 0, run.err
+    again = fleetmap_command("play", "run.mcap", "--fast", "--json", "--fleet", "again", cwd=tmp_path)
+    assert again.document["digest"] == run.document["digest"]
     told = re.findall(r"^\| `(/\S+)` \| (\w+)/(\w+) \|", BAGS, re.MULTILINE)
     page = {(name.replace("_r1", "_r0"), f"{package}/msg/{kind}") for name, package, kind in told}
     with Bag(tmp_path / "run.mcap") as bag:
