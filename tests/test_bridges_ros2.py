@@ -297,7 +297,23 @@ async def test_garbage_is_counted_and_nothing_else_happens(ros):
             refused = bridge.hearing.refusals
             assert refused > MUTATIONS / 20
             assert len(bridge.hearing.refused) < 20
-            assert bridge.port.refused["/map", "hash"] >= MUTATIONS // 100
+            assert bridge.port.odd["/map", "hash"] >= MUTATIONS // 100
+            assert any("is another nav_msgs/msg/OccupancyGrid than here" in p.text for p in bridge.problems())
+    finally:
+        session.close()
+
+
+async def test_a_map_of_an_older_rmw_zenoh_is_taken_and_its_deafness_is_said(ros):
+    session = zenoh.open(zenoh_config({"mode": "client", "connect/endpoints": [f"tcp/127.0.0.1:{ros}"]}))
+    try:
+        async with bridged(ros) as bridge:
+            await until(lambda: bridge.port._session is not None)
+            data = cdr.encode(grids.map_message(two_rooms(), frame_id="map", stamp_ns=1), cdr.MAP)
+            session.put(RmwZenoh().said("/map", cdr.MAP), data, attachment=bytes(40))
+            await until(lambda: bridge.maps_published == 1)
+            assert [p.text for p in bridge.problems() if p.kind == "ros"] == [
+                "/map comes from an rmw_zenoh before 0.2.5 (Jazzy) or 0.1.2 (Humble), which hears nothing from here"
+            ]
     finally:
         session.close()
 
@@ -363,6 +379,18 @@ async def test_what_is_missing_is_said_in_words(ros):
         texts = {problem.kind: problem.text for problem in bridge.problems()}
         assert texts["map"].startswith("no map on /map yet; maps are offered on /robot7/map:")
         assert "--start 0,0,0" in texts["start"]
+    await port.close()
+
+
+async def test_a_mapper_that_has_no_map_yet_is_told_from_none(ros):
+    port = zenoh_port(ros, node="mapper")
+    port.advertise("map", cdr.MAP, LATCHED_QOS)
+    await port.open()
+    async with bridged(ros) as bridge:
+        await until(lambda: bridge.offered)
+        bridge._began_s -= 60.0
+        (problem,) = (p for p in bridge.problems() if p.kind == "map")
+        assert problem.text == "no map on /map yet, though it is offered there: has the mapper said its first one?"
     await port.close()
 
 

@@ -103,6 +103,8 @@ class Hearing:
         """In words, what is missing; ``offered``: topics on which somebody says maps."""
         # What other bridges say is no robot's own map.
         shared = self._options.fleet_map_topic.rsplit("/", 1)[-1]
+        if self.map_topic in offered:
+            return f"no map on {self.map_topic} yet, though it is offered there: has the mapper said its first one?"
         others = ", ".join(name for name in offered if name.rsplit("/", 1)[-1] != shared)
         if others:
             return f"no map on {self.map_topic} yet; maps are offered on {others}: name one with map_topic or namespace"

@@ -62,7 +62,7 @@ class ZenohPort:
 
     Attributes
     ----------
-    refused : by (topic, reason), messages that were not handed on
+    odd : by (topic, reason), messages that were not handed on, or whose sender hears nothing from here
     """
 
     def __init__(
@@ -83,11 +83,12 @@ class ZenohPort:
         self._declared: list[Any] = []
         self._closed, self._entering = threading.Event(), threading.Lock()
         """The lock is for calls that return at once: opening a session may take long."""
-        self._told: set[tuple[str, str]] = set()
+        self._wrong: dict[str, str] = {}
+        """Topic -> what was wrong last."""
         self._clock_ns = 0
         self._waiting = False
         """Whether it has begun to look for a router."""
-        self.refused: dict[tuple[str, str], int] = {}
+        self.odd: dict[tuple[str, str], int] = {}
         if use_sim_time:
             self.subscribe("/clock", cdr.CLOCK, LATEST, self._take_clock)
 
@@ -126,12 +127,13 @@ class ZenohPort:
         return self._clock_ns if self._sim_time else time.time_ns()
 
     def problems(self) -> dict[str, str]:
-        """What keeps it from ROS."""
+        """What keeps it from ROS, and who speaks another version."""
         if self._waiting and not self.is_reached():
             return {self._endpoint: self._no_router()}
+        found = dict(self._wrong)
         if self._sim_time and not self._clock_ns:
-            return {"/clock": "use_sim_time is set, and nobody has said a time on /clock yet"}
-        return {}
+            found.setdefault("/clock", "use_sim_time is set, and nobody has said a time on /clock yet")
+        return found
 
     def is_reached(self) -> bool:
         """Whether there is a router."""
@@ -288,26 +290,25 @@ class ZenohPort:
                 return
             refusal = self.dialect.refusal(str(sample.key_expr), endpoint.type_name)
             if refusal is not None:
-                self._refuse(endpoint, refusal, f"a message under {sample.key_expr} is not of {endpoint.type_name}")
+                where = f"{endpoint.topic} under {str(sample.key_expr)[:300]}"
+                self._note(endpoint.topic, refusal, f"{where} is another {endpoint.type_name} than here: refused")
                 return
             attachment = None if sample.attachment is None else sample.attachment.to_bytes()
             if not self.dialect.fits_attachment(attachment):
                 # Read all the same: only what is sent the other way isn't understood there.
                 text = "comes from an rmw_zenoh before 0.2.5 (Jazzy) or 0.1.2 (Humble), which hears nothing from here"
-                self._refuse(endpoint, "attachment", text)
+                self._note(endpoint.topic, "attachment", f"{endpoint.topic} {text}")
             take(sample.payload.to_bytes())
 
         return handle
 
-    def _refuse(self, endpoint: Endpoint, reason: str, text: str) -> None:
-        key = endpoint.topic, reason
-        self.refused[key] = self.refused.get(key, 0) + 1
-        if key not in self._told:
-            self._told.add(key)
-            logger.warning("%s: %s: %s", self.node, endpoint.topic, text)
+    def _note(self, topic: str, reason: str, text: str) -> None:
+        self.odd[topic, reason] = self.odd.get((topic, reason), 0) + 1
+        self._wrong[topic] = text
 
     def _take_clock(self, data: bytes) -> None:
         try:
             self._clock_ns = cdr.ns_of(cdr.decode(data, cdr.CLOCK, topic="/clock").clock)
+            self._wrong.pop("/clock", None)
         except WireError as error:
-            self._refuse(self._subscriptions[0][0], "format", str(error))
+            self._note("/clock", "format", str(error))
