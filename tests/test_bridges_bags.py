@@ -100,8 +100,8 @@ def test_graded_maps_have_thresholds(tmp_path):
     with pytest.warns(MapWarning, match="/map: of 6656 known cells"):
         (as_usual,) = judge(path, topics=[]).topics
     (as_meant,) = judge(path, topics=[], thresholds=Thresholds(occupied_above=54.0)).topics
-    assert not as_usual.about["submaps"]["0"].obstacle.any()
-    assert as_meant.about["submaps"]["0"].obstacle.any()
+    assert not as_usual.vector_map.obstacle.any()
+    assert as_meant.vector_map.obstacle.any()
 
 
 def test_a_message_that_is_no_map_is_counted_and_the_rest_is_judged(tmp_path):

@@ -21,6 +21,7 @@ from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError, Ma
 from fleetmap.model.grid import FREE_BELOW, OCCUPIED_ABOVE, OccupancyGrid, check_thresholds
 from fleetmap.model.lattice import FREE
 from fleetmap.model.pose import FixedPose
+from fleetmap.model.vectormap import VectorMap
 
 TELL_S = 0.3
 """How often a process says how far it is."""
@@ -53,8 +54,8 @@ class Side(Protocol):
     def add(self, grid: OccupancyGrid) -> dict[str, int]:
         """Bytes that this map adds, by name."""
 
-    def about(self) -> dict[str, Any]:
-        """What else is to be said at the end."""
+    def tell(self, cost: TopicCost) -> None:
+        """Add the last map to what is said at the end."""
 
 
 class Grids:
@@ -70,13 +71,13 @@ class Grids:
         before, self._before = self._before, grid
         return {"grid_gzip_full": gzip_grid(grid), "grid_gzip_updates": gzip_changed_rectangle(before, grid)}
 
-    def about(self) -> dict[str, Any]:
+    def tell(self, cost: TopicCost) -> None:
         """The last grid."""
-        if self._before is None:
-            return {}
         grid = self._before
-        free_m2 = float((grid.states_yx() == FREE).sum()) * grid.resolution_m**2
-        return {"width": grid.width, "height": grid.height, "resolution_m": grid.resolution_m, "explored_m2": free_m2}
+        if grid is not None:
+            free_m2 = float((grid.states_yx() == FREE).sum()) * grid.resolution_m**2
+            cost.about = {"width": grid.width, "height": grid.height, "resolution_m": grid.resolution_m}
+            cost.about["explored_m2"] = free_m2
 
 
 class Vectors:
@@ -107,10 +108,11 @@ class Vectors:
         self._records += len(sizes)
         return {"vector": sum(sizes)}
 
-    def about(self) -> dict[str, Any]:
+    def tell(self, cost: TopicCost) -> None:
         """The last map, and how often it was sent."""
-        submaps = self._engine.own.submaps
-        return {"edges": sum(map(len, submaps.values())), "records": self._records, "submaps": dict(submaps)}
+        cost.vector_map = self._engine.own.submaps.get("0")
+        edges = 0 if cost.vector_map is None else len(cost.vector_map)
+        cost.about = {"edges": edges, "records": self._records}
 
 
 SIDES: dict[str, Callable[[], Side]] = {"grids": Grids, "vectors": Vectors}
@@ -128,7 +130,8 @@ class TopicCost:
     warning : what was to be said of its first map; empty: nothing
     sizes : by name, the sum of all payloads
     series : (seconds from the bag's begin, sizes so far)
-    about : the last map
+    about : figures of the last map
+    vector_map : the last map; None if there was none
     """
 
     name: str
@@ -141,6 +144,7 @@ class TopicCost:
     sizes: dict[str, int] = field(default_factory=dict)
     series: list[tuple[float, dict[str, int]]] = field(default_factory=list)
     about: dict[str, Any] = field(default_factory=dict)
+    vector_map: VectorMap | None = None
 
 
 @dataclass(slots=True)
@@ -239,6 +243,7 @@ def _joined(first: TopicCost, *others: TopicCost) -> TopicCost:
         if other.refused > first.refused:
             first.refused, first.reason = other.refused, other.reason
         first.about |= other.about
+        first.vector_map = other.vector_map if first.vector_map is None else first.vector_map
         first.series = [(t, {**a, **b}) for (t, a), (_, b) in zip(first.series, other.series, strict=True)]
     return first
 
@@ -299,7 +304,7 @@ def _costs(
                 tell(seen)
     tell(seen)
     for name, side in sides.items():
-        costs[name].about = side.about()
+        side.tell(costs[name])
     return list(costs.values())
 
 

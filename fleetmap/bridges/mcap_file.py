@@ -19,7 +19,7 @@ CHUNK_BYTES = 128 << 10
 """Who is killed loses one."""
 
 
-def check_name(path: Path) -> None:
+def check_out(path: Path) -> None:
     """Refuse what could not be recorded into, before there is anything to record.
 
     Raises
@@ -48,7 +48,7 @@ class McapFile:
     """
 
     def __init__(self, path: Path) -> None:
-        check_name(path)
+        check_out(path)
         from mcap.writer import CompressionType, Writer
 
         self._store = cdr.typestore()

@@ -20,6 +20,7 @@ from fleetmap.codecs import envelope
 from fleetmap.codecs.messages import CHECK_MASK, Record
 from fleetmap.engine import Limits, Stream, advance
 from fleetmap.model.errors import ConfigError, FleetmapError, MapFormatError, WireError
+from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.join import make_peer
 from fleetmap.peer.options import JoinOptions
@@ -103,7 +104,7 @@ async def play_map(
             message = bag.decode(which, data)
             if which.type_name == cdr.TF:
                 transforms.take(message.transforms, static=which.name == "/tf_static")
-            else:
+            elif which.type_name in (cdr.MAP, cdr.MAP_UPDATE):
                 played.maps += 1
                 grid = _take(latest, which, message)
                 if grid is not None:
@@ -186,10 +187,10 @@ async def play_recording(
     return list(robots.values())
 
 
-def _take(latest: LatestMap, which: Topic, message: Any) -> Any:
+def _take(latest: LatestMap, which: Topic, message: Any) -> OccupancyGrid | None:
     if which.type_name == cdr.MAP:
         latest.replace(message)
-    elif which.type_name == cdr.MAP_UPDATE:
+    else:
         latest.update(message)
     return latest.take()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from fleetmap.bridges.bag_stats import BagCost, Thresholds, TopicCost, judge
 from fleetmap.cli.output import print_table, progress_bar
 from fleetmap.model.kernel_cache import modules_of
@@ -44,14 +46,13 @@ def topic_document(topic: TopicCost, duration_s: float) -> dict[str, Any]:
     """One topic: bytes, how many times as much as the vectors, and bytes a second."""
     codecs = {"bag": topic.size_bytes, **topic.sizes}
     vector = codecs.get("vector", 0)
-    about = {key: value for key, value in topic.about.items() if key != "submaps"}
     return {
         "topic": topic.name,
         "messages": topic.messages,
         "updates": topic.updates,
         "refused": topic.refused,
         "refused_because": topic.reason,
-        **about,
+        **topic.about,
         "codecs": codecs,
         "ratios": {name: round(size / vector, 2) for name, size in codecs.items()} if vector else {},
         "bytes_per_s": {name: round(size / duration_s, 2) for name, size in codecs.items()} if duration_s > 0 else {},
@@ -77,7 +78,7 @@ def print_bag(document: dict[str, Any]) -> None:
         count = f"{topic['messages']:,} maps and {topic['updates']:,} updates in {document['duration_s']:,.0f} s{size}"
         print_table(f"{document['bag']}: {topic['topic']}: {count}", ["", "bytes", "times fleetmap's", "kB/s"], rows)
         if topic["refused"]:
-            print_table(f"{topic['refused']} messages were no maps: {topic['refused_because']}", [], [])
+            typer.echo(f"{topic['refused']} messages were no maps: {topic['refused_because']}")
 
 
 def write_bag_report(cost: BagCost, out: Path) -> Path:
@@ -98,9 +99,10 @@ def write_bag_report(cost: BagCost, out: Path) -> Path:
         vector = codecs.get("vector", 0)
         times = f"{topic.size_bytes / vector:,.0f}" if vector else "-"
         sizes.append((topic.name, *(f"{codecs.get(name, 0):,}" for name in NAMES), times))
-    first = next((topic for topic in cost.topics if topic.about.get("submaps")), None)
-    maps = first.about["submaps"] if first is not None else {}
-    merged = fold([Source(("r0", 0, name), FixedPose(), vector_map) for name, vector_map in sorted(maps.items())])
+    name, last = next(
+        ((topic.name, topic.vector_map) for topic in cost.topics if topic.vector_map is not None), ("", None)
+    )
+    merged = fold([] if last is None else [Source(("r0", 0, "0"), FixedPose(), last)])
     tiles = tuple(
         (topic.name, f"{topic.messages:,} maps, {topic.updates:,} updates", f"{topic.refused} refused")
         for topic in cost.topics
@@ -114,7 +116,7 @@ def write_bag_report(cost: BagCost, out: Path) -> Path:
         charts=tuple(charts),
         table=(),
         sizes=tuple(sizes),
-        map_title=f"The last map on {first.name}, as vectors" if first is not None else "No map",
+        map_title=f"The last map on {name}, as vectors" if name else "No map",
         sizes_about="bytes, payload to one receiver; vectors lie within sqrt(2) cells, grids are lossless",
         time_label="s",
     )

@@ -88,7 +88,7 @@ def play(
     if as_json:
         print_json(document)
     else:
-        typer.echo(", ".join(f"{key} {value}" for key, value in document.items()))
+        typer.echo(", ".join(f"{key} {value}" for key, value in document.items() if value != ""))
 
 
 async def _as_robot(
@@ -113,6 +113,7 @@ async def _as_robot(
             "maps": played.maps,
             "published": played.published,
             "refused": played.refused,
+            "refused_because": played.reason,
             "bytes_vector": stats.bytes_vector,
             **{f"bytes_{name}": size for name, size in stats.baselines.items()},
             "digest": merged.digest,

@@ -108,10 +108,10 @@ def sim(
 
 def _recording(path: Path) -> Beside:
     """What writes the run into an MCAP file."""
-    from fleetmap.bridges.mcap_file import check_name
+    from fleetmap.bridges.mcap_file import check_out
     from fleetmap.bridges.recording import recording
 
-    check_name(path)
+    check_out(path)
 
     def beside(fleet: str, endpoint: str) -> AbstractAsyncContextManager[object]:
         return recording(path, fleet=fleet, connect=[endpoint], profile="local")
