@@ -1,39 +1,14 @@
 """The buffer of transforms under what may come from anybody: circles, floods, and numbers that are none."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from transforms import S, buffer_of, stamped, x_at
 
 from fleetmap.bridges.transforms import KEPT_S, LONGEST_CHAIN, MAX_FRAMES, MAX_NAME, MAX_SAMPLES, TransformBuffer
-
-S = 10**9
-UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-
-
-def stamped(parent, child, at_ns=0, shift=(0.0, 0.0, 0.0), q=UPRIGHT):
-    stamp = SimpleNamespace(sec=at_ns // S, nanosec=at_ns % S)
-    transform = SimpleNamespace(
-        translation=SimpleNamespace(**dict(zip("xyz", shift, strict=True))),
-        rotation=SimpleNamespace(**dict(zip("xyzw", q, strict=True))),
-    )
-    header = SimpleNamespace(stamp=stamp, frame_id=parent)
-    return SimpleNamespace(header=header, child_frame_id=child, transform=transform)
-
-
-def buffer_of(*messages, static=()):
-    buffer = TransformBuffer()
-    buffer.take(messages, static=False)
-    buffer.take(static, static=True)
-    return buffer
-
-
-def x_at(buffer, at_ns, target="a", source="b"):
-    found = buffer.lookup(target, source, at_ns)
-    return None if found is None else found[0].x_m
 
 
 @given(st.lists(st.integers(0, 5), min_size=6, max_size=6))

@@ -14,7 +14,7 @@ import numpy as np
 
 from fleetmap.align.accept import judge, rival
 from fleetmap.align.candidates import candidates
-from fleetmap.align.evidence import Evidence, weigh
+from fleetmap.align.evidence import weigh
 from fleetmap.align.protocol import Alignment, Matrix
 from fleetmap.align.refine import Poses, information, refine
 from fleetmap.align.walls import Floats, Walls, walls_of
@@ -76,6 +76,3 @@ def spread(a: Walls, b: Walls, row: Floats) -> tuple[Matrix, tuple[float, float]
     matrix = np.linalg.inv(known / (SIGMA_M**2 * ALIKE_OVER_M))
     rows = tuple((float(x), float(y), float(yaw)) for x, y, yaw in matrix)
     return rows, (float(middle[0]), float(middle[1]))
-
-
-__all__ = ["Alignment", "Evidence", "align", "align_walls"]

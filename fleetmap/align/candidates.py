@@ -94,7 +94,7 @@ class Votes:
     """All translations of b at once, for one rotation after the other."""
 
     def __init__(self, a: Walls, b: Walls, cell_m: float) -> None:
-        self._a, self._b, self._cell_m = a, b, cell_m
+        self._b, self._cell_m = b, cell_m
         reach = float(np.hypot(*np.ptp(np.vstack([b.points_xy, corners(b)]), axis=0)))
         self._low_a = np.minimum(a.points_xy.min(axis=0), a.corner_xy)
         high_a = np.maximum(a.points_xy.max(axis=0), a.corner_xy + CELL_M * np.array(a.states_yx.shape[::-1]))

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from fleetmap.align.evidence import Evidence
 from fleetmap.model.pose import Pose2
-from fleetmap.model.vectormap import VectorMap
 
 Matrix = tuple[tuple[float, float, float], ...]
 """Three rows of three."""
-
-OUTCOMES = ("committed", "ambiguous", "conflict", "too_small")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +35,3 @@ class Alignment:
     evidence: Evidence | None
     second: Evidence | None
     text: str
-
-
-class Aligner(Protocol):
-    """Finds where a map lies in another one. The same maps give the same answer on one machine."""
-
-    def __call__(self, a: VectorMap, b: VectorMap) -> Alignment:
-        """Where b lies in a."""
-        ...

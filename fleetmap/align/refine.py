@@ -74,7 +74,7 @@ def information(a: Walls, b: Walls, pose: Poses) -> tuple[Floats, Floats]:
     normal, weight = a.normals_xy[which], np.where(good, b.lengths_m, 0.0)
     middle = weight @ placed / max(float(weight.sum()), 1e-9)
     arm = placed - middle
-    jacobian = np.stack([normal[:, 0], normal[:, 1], normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]], axis=-1)
+    jacobian = slopes(normal, arm)
     return np.einsum("n,ni,nj->ij", weight, jacobian, jacobian) + DAMPING * np.eye(3), middle
 
 
@@ -90,9 +90,7 @@ def step(a: Walls, points: Floats, normals: Floats, lengths: Floats, poses: Pose
     arm = placed - middle[:, None]
     off = ((a.points_xy[which] - placed) * normal).sum(axis=-1)
     weight = weight / (1 + (off / SOFT_M) ** 2)
-    jacobian = np.stack(
-        [normal[..., 0], normal[..., 1], normal[..., 1] * arm[..., 0] - normal[..., 0] * arm[..., 1]], axis=-1
-    )
+    jacobian = slopes(normal, arm)
     information = np.einsum("hn,hni,hnj->hij", weight, jacobian, jacobian) + DAMPING * np.eye(3)
     gradient = np.einsum("hn,hni,hn->hi", weight, jacobian, off)
     dx, dy, turn = np.linalg.solve(information, gradient[..., None])[..., 0].T
@@ -101,3 +99,10 @@ def step(a: Walls, points: Floats, normals: Floats, lengths: Floats, poses: Pose
     shifted = np.stack([c * away[:, 0] - s * away[:, 1], s * away[:, 0] + c * away[:, 1]], axis=-1) + middle
     moved = shifted + np.stack([dx, dy], axis=-1)
     return Poses(np.column_stack([moved, poses.rows[:, 2] + turn]))
+
+
+def slopes(normal: Floats, arm: Floats) -> Floats:
+    """(..., 3): how fast a point at ``arm`` moves along a normal with x, y and a turn about the middle."""
+    nx, ny = normal[..., 0], normal[..., 1]
+    found: Floats = np.stack([nx, ny, ny * arm[..., 0] - nx * arm[..., 1]], axis=-1)
+    return found

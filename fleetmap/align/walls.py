@@ -48,11 +48,6 @@ class Walls:
     states_yx: NDArray[np.uint8]
     corner_xy: Floats
 
-    @property
-    def length_m(self) -> float:
-        """All walls together."""
-        return float(self.lengths_m.sum())
-
     @functools.cached_property
     def tree(self) -> cKDTree:
         """Points with their normals: near is what is near in place and faces alike."""

@@ -17,7 +17,7 @@ from fleetmap.peer.health import Problem
 
 ADD, LINE_LIST, TEXT = 0, 5, 9
 """Of visualization_msgs/Marker."""
-OK, WARN, ERROR = 0, 1, 2
+OK, WARN = 0, 1
 """Of diagnostic_msgs/DiagnosticStatus."""
 
 WALL_RGBA, FRONTIER_RGBA, NAME_RGBA = (0.1, 0.12, 0.15, 1.0), (0.94, 0.63, 0.23, 1.0), (0.18, 0.44, 0.69, 1.0)
