@@ -24,6 +24,7 @@ from fleetmap.bridges.mcap_file import McapFile
 from fleetmap.bridges.player import is_recording, play_recording
 from fleetmap.bridges.qos import STREAM
 from fleetmap.bridges.recorder import RECORDS_TOPIC, Recorder
+from fleetmap.cli import sim as sim_cli
 from fleetmap.model.errors import ConfigError, MapFormatError
 from fleetmap.model.pose import Pose2
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
@@ -152,6 +153,17 @@ def test_names_that_can_not_be_recorded_into_are_refused_first(tmp_path):
     for name, expected in [("run.bag", "ends in .mcap"), ("missing/run.mcap", "no such folder")]:
         with pytest.raises(ConfigError, match=expected):
             McapFile(tmp_path / name)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+async def test_a_full_disk_costs_the_recording_and_not_what_is_beside_it(tmp_path):
+    out, unrecorded, place = tmp_path / "run.mcap", [], f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
+    out.symlink_to("/dev/full")
+    async with fleetmap.join("a", start=Pose2(), fleet="full", profile="local", listen=[place]) as a:
+        await a.publish(two_rooms())
+        async with sim_cli._recording(out, unrecorded)("full", place):
+            await a.publish(growing(1)[0])
+    assert [str(error) for error in unrecorded] == [f"[Errno 28] No space left on device: '{out}'"]
 
 
 @pytest.mark.skipif("FLEETMAP_RERUN" not in os.environ, reason="FLEETMAP_RERUN is not set: no rerun")

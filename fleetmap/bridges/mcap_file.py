@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
@@ -44,11 +45,12 @@ class McapFile:
     Raises
     ------
     ConfigError : another ending, or mcap is not installed
-    OSError : it can't be written
+    OSError : it can't be written, now or later; names it
     """
 
     def __init__(self, path: Path) -> None:
         check_out(path)
+        self.path = path
         from mcap.writer import CompressionType, Writer
 
         self._store = cdr.typestore()
@@ -70,10 +72,11 @@ class McapFile:
     def close(self) -> None:
         """Write the index. May be called twice."""
         if not self._file.closed:
-            try:
-                self._writer.finish()
-            finally:
-                self._file.close()
+            with self._named():
+                try:
+                    self._writer.finish()
+                finally:
+                    self._file.close()
 
     def add_topic(self, topic: str, type_name: str, qos: Qos) -> None:
         """A channel of ROS messages; what is there already stays."""
@@ -88,7 +91,8 @@ class McapFile:
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """One message of a channel that was added."""
         number = self._sequences[topic] = self._sequences.get(topic, -1) + 1
-        self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, number)
+        with self._named():
+            self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns, number)
 
     def write_json(self, topic: str, stamp_ns: int, document: Mapping[str, object]) -> None:
         """One JSON document, in a channel of ``std_msgs/String``.
@@ -98,3 +102,11 @@ class McapFile:
         """
         text = cdr.make(cdr.TEXT, data=json.dumps(document, separators=(",", ":")))
         self.write(topic, stamp_ns, cdr.encode(text, cdr.TEXT))
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """What the system has against writing says which file."""
+        try:
+            yield
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from None

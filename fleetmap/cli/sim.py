@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,7 +88,8 @@ def sim(
         pose_noise_m=pose_noise,
         radius_m=radius,
     )
-    beside = None if record is None else _recording(record)
+    unrecorded: list[OSError] = []
+    beside = None if record is None else _recording(record, unrecorded)
     compile_ahead(modules_of(*KERNELS))
     if stderr.is_terminal:
         with Live(console=stderr, refresh_per_second=4, transient=True) as live:
@@ -102,19 +103,28 @@ def sim(
         print_json(document)
     else:
         _print_summary(document, result.out)
-    if not document["converged"]:
+    for error in unrecorded:
+        stderr.print(f"the recording is cut off: {error}", markup=False, highlight=False, soft_wrap=True)
+    if unrecorded or not document["converged"]:
         raise typer.Exit(1)
 
 
-def _recording(path: Path) -> Beside:
-    """What writes the run into an MCAP file."""
+def _recording(path: Path, unrecorded: list[OSError]) -> Beside:
+    """What writes the run into an MCAP file; what is in the way of that costs the recording, and not the run."""
     from fleetmap.bridges.mcap_file import check_out
     from fleetmap.bridges.recording import recording
 
     check_out(path)
 
-    def beside(fleet: str, endpoint: str) -> AbstractAsyncContextManager[object]:
-        return recording(path, fleet=fleet, connect=[endpoint], profile="local")
+    @asynccontextmanager
+    async def beside(fleet: str, endpoint: str) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            await stack.enter_async_context(recording(path, fleet=fleet, connect=[endpoint], profile="local"))
+            yield
+            try:
+                await stack.aclose()
+            except OSError as error:  # the disk is full
+                unrecorded.append(error)
 
     return beside
 
