@@ -176,27 +176,31 @@ def views(
     for _ in range(TRIES):
         a, b = view(solid, rng, most), view(other, rng, most)
         if other is not solid:
-            return a, b
-        overlap = float((a & b & ~solid).sum() / max(1, min((a & ~solid).sum(), (b & ~solid).sum())))
+            return with_walls(a, solid), with_walls(b, other)
+        overlap = float((a & b).sum() / max(1, min(a.sum(), b.sum())))
         miss = max(low - overlap, overlap - high, 0.0)
         if best is None or miss < best[0]:
             best = miss, a, b
         if miss == 0:
             break
     assert best is not None
-    return best[1], best[2]
+    return with_walls(best[1], solid), with_walls(best[2], other)
 
 
 def view(solid: Mask, rng: np.random.Generator, most: float) -> Mask:
-    """What is nearest to a random place by the way one can go, a tenth to ``most`` of the floor; and its walls."""
+    """What is nearest to a random place by the way one can go, a tenth to ``most`` of the floor."""
     free = np.argwhere(~solid)
     row, column = free[rng.integers(len(free))]
     cost = cost_field((~solid).astype(np.uint8), int(row), int(column))
     reached = np.sort(cost[(cost < FAR) & ~solid])
     share = rng.uniform(0.1, most)
-    near = (cost <= reached[min(len(reached) - 1, int(share * len(free)))]) & ~solid & (cost < FAR)
-    square = np.ones((2 * WALL_CELLS + 1,) * 2, bool)
-    return near | (ndimage.binary_dilation(near, square) & solid)
+    return (cost <= reached[min(len(reached) - 1, int(share * len(free)))]) & ~solid & (cost < FAR)
+
+
+def with_walls(near: Mask, solid: Mask) -> Mask:
+    """What was seen of the floor, and the walls around it."""
+    around: Mask = ndimage.maximum_filter(near, 2 * WALL_CELLS + 1)
+    return near | (around & solid)
 
 
 def random_pose(rng: np.random.Generator, shape: tuple[int, ...]) -> Pose2:

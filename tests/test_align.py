@@ -29,7 +29,7 @@ def answer(pair):
 def test_what_is_committed_is_true(kind, seed):
     pair = make_pair(kind, seed)
     found = answer(pair)
-    assert found.outcome != "committed" or is_right(pair, found), (found.text, pair.T_a_b)
+    assert found.outcome != "committed" or is_right(pair, found.T_a_b), (found.text, pair.T_a_b)
     if kind == "same":
         assert found.outcome == "committed", found.text
         assert off_m(found.T_a_b, pair.T_a_b, pair.shared_xy) < 0.1

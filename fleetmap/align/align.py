@@ -9,51 +9,111 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from fleetmap.align.accept import judge, rival
-from fleetmap.align.candidates import candidates
-from fleetmap.align.evidence import weigh
-from fleetmap.align.protocol import Alignment, Matrix
-from fleetmap.align.refine import Poses, information, refine
+from fleetmap.align.accept import judge, order, rival, sentence
+from fleetmap.align.candidates import Window, candidates
+from fleetmap.align.evidence import Evidence, common_m2, free_m2, weigh
+from fleetmap.align.protocol import Alignment, Matrix, Prior
+from fleetmap.align.refine import ROUGH, STAGES, information, refine
 from fleetmap.align.walls import Floats, Walls, walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 
-HYPOTHESES = 20
-"""So many candidates are refined."""
+HYPOTHESES = 30
+"""So many candidates are refined to the end."""
 ELSEWHERE_M, ELSEWHERE_RAD = 0.5, math.radians(4.0)
 """What is farther from another hypothesis, anywhere in what both have, is another place."""
+SIGMAS, BESIDE_M, BESIDE_RAD = 4.0, 0.5, math.radians(3.0)
+"""A place that is farther from a prior, by so many standard deviations and so much, isn't what it means."""
 SIGMA_M = 0.025
 """Of a sight of a wall about the line that stands for it."""
 ALIKE_OVER_M = 1.0
 """Sights along so much of a wall aren't independent."""
+Hypothesis = tuple[Evidence, Floats]
 ZEROS: Matrix = ((0.0, 0.0, 0.0),) * 3
 
 
-def align(a: VectorMap, b: VectorMap) -> Alignment:
+def align(a: VectorMap, b: VectorMap, prior: Prior | None = None) -> Alignment:
     """Where b lies in a: p_a = T_a_b p_b.
+
+    Parameters
+    ----------
+    prior : about where it lies, if that is known: other places aren't looked at, and rule out nothing
 
     Notes
     -----
     The answer depends on the maps alone. It uses floats, so that other machines may give it in other last digits.
     """
-    return align_walls(walls_of(a), walls_of(b))
+    return align_walls(walls_of(a), walls_of(b), prior)
 
 
-def align_walls(a: Walls, b: Walls) -> Alignment:
+def align_walls(a: Walls, b: Walls, prior: Prior | None = None) -> Alignment:
     """The same of maps whose walls are known already."""
-    found = candidates(a, b)[:HYPOTHESES]
+    return decide(a, b, hypotheses(a, b, prior))
+
+
+def check(a: Walls, b: Walls, T_a_b: Pose2) -> Alignment:
+    """Whether a place that was found before still holds, and where it is now: without a look at any other place."""
+    return decide(a, b, ranked(a, b, refine(a, b, np.array([row_of(T_a_b)]), STAGES[1:])))
+
+
+def decide(a: Walls, b: Walls, found: Sequence[Hypothesis]) -> Alignment:
+    """What follows from hypotheses, the best first."""
     if not found:
         return Alignment("too_small", None, ZEROS, (0.0, 0.0), None, None, "no walls to compare")
-    poses = refine(a, b, found)
-    weighed = [(weigh(a, b, pose_of(row)), row) for row in poses.rows]
-    best, row = max(weighed, key=lambda each: each[0].score_m)
-    second = rival(evidence for evidence, other in weighed if elsewhere(a, b, row, other))
-    outcome, text = judge(best, second)
+    (best, row), *others = found
+    second = rival(evidence for evidence, other in others if elsewhere(a, b, row, other))
+    T_a_b = pose_of(row)
+    common = max(common_m2(a, b, T_a_b), 0.01)
+    outcome = judge(best, second, max(free_m2(a), free_m2(b)) / common - 1)
+    text = sentence(
+        outcome,
+        explained_m=best.explained_m,
+        conflict_m=best.conflict_m,
+        visible_m=best.visible_m,
+        fixed_m=best.fixed_m,
+        second_m=0.0 if second is None else second.explained_m,
+    )
     covariance, middle = spread(a, b, row) if outcome == "committed" else (ZEROS, (0.0, 0.0))
-    return Alignment(outcome, pose_of(row), covariance, middle, best, second, text)
+    return Alignment(outcome, T_a_b, covariance, middle, best, second, text)
+
+
+def hypotheses(a: Walls, b: Walls, prior: Prior | None = None) -> list[Hypothesis]:
+    """Places of b in a, the best first: what speaks for each, and its row (x, y, yaw)."""
+    if not len(a.points_xy) or not len(b.points_xy):
+        return []
+    window = None if prior is None else window_of(prior)
+    places = candidates(a, b, window)
+    if prior is not None:
+        places = np.vstack([[row_of(prior.T_a_b)], places])
+    rough = ranked(a, b, refine(a, b, places, ROUGH))
+    distinct: list[Floats] = []
+    for _, row in rough:
+        if window is not None and not window.has(row):
+            continue
+        if len(distinct) < HYPOTHESES and all(elsewhere(a, b, row, other) for other in distinct):
+            distinct.append(row)
+    return ranked(a, b, refine(a, b, np.array(distinct))) if distinct else []
+
+
+def window_of(prior: Prior) -> Window:
+    """The places that a prior may mean."""
+    radius_m, radius_rad = SIGMAS * prior.sigma_m + BESIDE_M, SIGMAS * prior.sigma_rad + BESIDE_RAD
+    return Window(row_of(prior.T_a_b), radius_m, radius_rad)
+
+
+def ranked(a: Walls, b: Walls, rows: Floats) -> list[Hypothesis]:
+    """What speaks for each pose, the best first."""
+    weighed = [(weigh(a, b, pose_of(row)), row) for row in rows]
+    return sorted(weighed, key=lambda each: (*order(each[0]), *each[1].tolist()))
+
+
+def row_of(pose: Pose2) -> tuple[float, float, float]:
+    """A pose as a row (x, y, yaw)."""
+    return pose.x_m, pose.y_m, pose.yaw_rad
 
 
 def pose_of(row: Floats) -> Pose2:
@@ -66,13 +126,13 @@ def elsewhere(a: Walls, b: Walls, one: Floats, other: Floats) -> bool:
     """Whether two poses put what both maps have at different places."""
     if abs(math.remainder(float(one[2] - other[2]), math.tau)) > ELSEWHERE_RAD:
         return True
-    first, second = Poses(np.stack([one, other])).apply(b.points_xy)
+    first, second = pose_of(one).apply(b.points_xy), pose_of(other).apply(b.points_xy)
     return bool(np.hypot(*(first - second).T).max() > ELSEWHERE_M)
 
 
 def spread(a: Walls, b: Walls, row: Floats) -> tuple[Matrix, tuple[float, float]]:
     """The covariance about the middle of the common walls, and that middle."""
-    known, middle = information(a, b, Poses(row[None]))
+    known, middle = information(a, b, row)
     matrix = np.linalg.inv(known / (SIGMA_M**2 * ALIKE_OVER_M))
     rows = tuple((float(x), float(y), float(yaw)) for x, y, yaw in matrix)
     return rows, (float(middle[0]), float(middle[1]))

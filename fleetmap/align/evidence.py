@@ -6,15 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleetmap.align.refine import Poses, matches
-from fleetmap.align.walls import Floats, Walls, rotated
-from fleetmap.model.lattice import UNKNOWN
+from fleetmap.align.walls import CELL_M, Floats, Walls
+from fleetmap.model.lattice import FREE
 from fleetmap.model.pose import Pose2
 
 NEAR_M = 0.15
 """Two sights of a wall are at most so far apart."""
 DEEP_M = 0.25
 """A wall so deep in free space that the other has seen wasn't there."""
+INSIDE_M = 0.1
+"""So far on its free side it is looked whether the other knows a wall's place."""
+
+
+MATCHED, LEAST_SEGMENT_M, LINES_APART_M = 0.6, 0.15, 0.3
+"""A straight piece of wall counts if so much of it is explained, and it is so long; lines are so far apart."""
+AREA_STEP = 2
+"""Every so many cells of free space are looked at, along each axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +35,8 @@ class Evidence:
     visible_m : wall of either where the other knows what is there; the mean of both ways
     fixed_m : how much of the explained wall holds the pose against a slide in the direction in which it slides best
     rms_m : distances between the explained walls
+    lines : on how many different lines the explained walls lie: a match by chance has few
+    long_m : how far the explained walls extend along their longer axis
     """
 
     explained_m: float
@@ -35,37 +44,61 @@ class Evidence:
     visible_m: float
     fixed_m: float
     rms_m: float
+    lines: int
+    long_m: float
 
     @property
     def score_m(self) -> float:
         """What is left of the explained wall for what contradicts it."""
         return self.explained_m - 3.0 * self.conflict_m
 
-    @property
-    def share(self) -> float:
-        """Explained, of what is explained or contradicted."""
-        return self.explained_m / max(self.explained_m + self.conflict_m, 1e-9)
-
 
 def weigh(a: Walls, b: Walls, T_a_b: Pose2) -> Evidence:
     """What speaks for and against a place of b in a."""
     sides = [one_way(a, b, T_a_b), one_way(b, a, T_a_b.inverse())]
-    explained, conflict, visible, squares = (float(np.mean([side[k] for side in sides])) for k in range(4))
-    fixed = min(float(np.linalg.eigvalsh(side[4])[0]) for side in sides)
-    return Evidence(explained, conflict, visible, fixed, float(np.sqrt(squares / max(explained, 1e-9))))
+    explained, conflict, visible, squares = (float(np.mean([side[k] for side, _ in sides])) for k in range(4))
+    fixed = min(eigenvalues(*side[4:7])[0] for side, _ in sides)
+    lines = min(lines for _, lines in sides)
+    rms = float(np.sqrt(squares / max(explained, 1e-9)))
+    return Evidence(explained, conflict, visible, fixed, rms, lines, min(extent_m(side) for side, _ in sides))
 
 
-def one_way(a: Walls, b: Walls, T_a_b: Pose2) -> tuple[float, float, float, float, Floats]:
-    """Of the walls of b: explained, conflicting, visible, squares of distances, and the matrix of matched normals."""
-    pose = Poses(np.array([[T_a_b.x_m, T_a_b.y_m, T_a_b.yaw_rad]]))
-    points, normals = pose.apply(b.points_xy)[0], rotated(T_a_b.yaw_rad, b.normals_xy)
-    which, good = matches(a, points, normals, NEAR_M)
-    weight = np.where(good, b.lengths_m, 0.0)
-    off = ((a.points_xy[which] - points) * a.normals_xy[which]).sum(axis=-1)
-    # Just inside of its free side: there a wall's own space was seen.
-    deep = a.look_up(a.clearance_m, points, 0.0) > DEEP_M
-    known = a.look_up(a.states_yx, points + 0.1 * normals, float(UNKNOWN)) != UNKNOWN
-    conflict = float(b.lengths_m[deep & ~good].sum())
-    visible = float(b.lengths_m[known | good].sum())
-    spread = np.einsum("n,ni,nj->ij", weight, normals, normals)
-    return float(weight.sum()), conflict, visible, float((weight * off**2).sum()), spread
+def one_way(a: Walls, b: Walls, T_a_b: Pose2) -> tuple[Floats, int]:
+    """Of the walls of b what ``match_kernels.one_way`` gives, and on how many lines those lie that a has, too."""
+    from fleetmap.align import match_kernels
+
+    pose = np.array([T_a_b.x_m, T_a_b.y_m, T_a_b.yaw_rad])
+    limits = np.array([*a.corner_xy, CELL_M, NEAR_M, DEEP_M, INSIDE_M])
+    matched = np.zeros(len(b.table), bool)
+    sums = match_kernels.one_way(*a.index, b.table, pose, a.clearance_m, a.states_yx, limits, matched)
+    lines = match_kernels.count_lines(b.table, b.segments, matched, MATCHED, LEAST_SEGMENT_M, LINES_APART_M)
+    return sums, lines
+
+
+def extent_m(sums: Floats) -> float:
+    """How long a straight wall would be that is spread as the matched points are."""
+    metres, x, y, xx, xy, yy = sums[[0, 7, 8, 9, 10, 11]] / max(sums[0], 1e-9)
+    spread = eigenvalues(xx - x * x, xy - x * y, yy - y * y)[1]
+    return float(np.sqrt(12 * max(spread, 0.0))) if metres else 0.0
+
+
+def eigenvalues(xx: float, xy: float, yy: float) -> tuple[float, float]:
+    """Of a symmetric matrix of two rows, the lesser one first."""
+    middle, half = (xx + yy) / 2, float(np.hypot((xx - yy) / 2, xy))
+    return float(middle - half), float(middle + half)
+
+
+def free_m2(walls: Walls) -> float:
+    """How much free space a map has."""
+    return float((walls.states_yx == FREE).sum()) * CELL_M**2
+
+
+def common_m2(a: Walls, b: Walls, T_a_b: Pose2) -> float:
+    """How much of it both maps have."""
+    rows, columns = np.nonzero(b.states_yx[::AREA_STEP, ::AREA_STEP] == FREE)
+    centres = b.corner_xy + (AREA_STEP * np.column_stack([columns, rows]) + 0.5) * CELL_M
+    column, row = np.floor((T_a_b.apply(centres) - a.corner_xy) / CELL_M).astype(np.int64).T
+    height, width = a.states_yx.shape
+    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
+    there = a.states_yx[np.where(inside, row, 0), np.where(inside, column, 0)] == FREE
+    return float((there & inside).sum()) * (AREA_STEP * CELL_M) ** 2

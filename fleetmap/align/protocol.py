@@ -12,6 +12,21 @@ Matrix = tuple[tuple[float, float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
+class Prior:
+    """About where b lies in a, told by somebody: a rough start, a landmark that both saw, a sighting.
+
+    Parameters
+    ----------
+    T_a_b : the place
+    sigma_m, sigma_rad : standard deviations of where it puts the origin of b, along each axis, and of its yaw
+    """
+
+    T_a_b: Pose2
+    sigma_m: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Alignment:
     """One outcome.
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
 
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, UNKNOWN
@@ -26,8 +26,23 @@ SPACING_M = 0.2
 """Between two points of a wall."""
 CELL_M = 0.1
 """Of the rasters in which free space is looked up."""
-DIRECTION_M = 1.0
-"""What a right angle between two walls counts as, as a distance, when the nearest wall is looked for."""
+INDEX_M = 0.3
+"""Of the cells in which the nearest point is looked for."""
+
+
+class Index(NamedTuple):
+    """Points by the cell that they lie in, as ``match_kernels`` takes them.
+
+    Parameters
+    ----------
+    table : (n, 5) x, y, normal x, normal y, metres of wall; sorted by cell
+    start : the first row of each cell, row by row, and the number of points
+    frame : x, y of the lower left corner, size of a cell, how many in a row, how many rows
+    """
+
+    table: Floats
+    start: NDArray[np.int64]
+    frame: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +64,52 @@ class Walls:
     corner_xy: Floats
 
     @functools.cached_property
-    def tree(self) -> cKDTree:
-        """Points with their normals: near is what is near in place and faces alike."""
-        return cKDTree(np.hstack([self.points_xy, DIRECTION_M * self.normals_xy]))
+    def table(self) -> Floats:
+        """(n, 5) points, normals and lengths, as the kernels take them."""
+        return np.column_stack([self.points_xy, self.normals_xy, self.lengths_m])
 
     @functools.cached_property
-    def clearance_m(self) -> Floats:
-        """(h, w) of free cells, how far the nearest cell is that isn't free; 0 elsewhere."""
-        clear: Floats = ndimage.distance_transform_edt(self.states_yx == FREE) * CELL_M
-        return clear
+    def segments(self) -> NDArray[np.int64]:
+        """(2 n,) for each straight piece of wall, the longest first, its first point and how many it has."""
+        turns = (self.normals_xy[1:] != self.normals_xy[:-1]).any(axis=1)
+        first = np.concatenate([[0], np.flatnonzero(turns) + 1, [len(self.points_xy)]])
+        if len(self.points_xy) == 0:
+            return np.zeros(0, np.int64)
+        length = np.add.reduceat(self.lengths_m, first[:-1])
+        order = np.argsort(-length, kind="stable")
+        return np.column_stack([first[:-1], np.diff(first)])[order].ravel().astype(np.int64)
 
-    def look_up(self, table: NDArray[Any], points_xy: Floats, outside: float) -> NDArray[Any]:
-        """What a table of this map's cells has at some points (..., 2)."""
-        cells = np.floor((points_xy - self.corner_xy) / CELL_M).astype(np.int64)
-        height, width = table.shape
-        column, row = cells[..., 0], cells[..., 1]
-        inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-        found = table[np.where(inside, row, 0), np.where(inside, column, 0)]
-        return np.where(inside, found, outside)
+    @functools.cached_property
+    def index(self) -> Index:
+        """The same, sorted by place."""
+        low = self.points_xy.min(axis=0) if len(self.points_xy) else np.zeros(2)
+        cells = np.floor((self.points_xy - low) / INDEX_M).astype(np.int64)
+        columns, rows = (cells.max(axis=0) + 1).tolist() if len(cells) else (1, 1)
+        flat = cells[:, 1] * columns + cells[:, 0]
+        start = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=rows * columns))]).astype(np.int64)
+        frame = np.array([*low, INDEX_M, columns, rows])
+        return Index(np.ascontiguousarray(self.table[np.argsort(flat, kind="stable")]), start, frame)
+
+    @functools.cached_property
+    def clearance_m(self) -> NDArray[np.float32]:
+        """(h, w) of free cells, how far the nearest cell is that isn't free; 0 elsewhere."""
+        clear: NDArray[np.float64] = ndimage.distance_transform_edt(self.states_yx == FREE)
+        return (clear * CELL_M).astype(np.float32)
+
+
+_known: WeakKeyDictionary[VectorMap, Walls] = WeakKeyDictionary()
+"""As long as somebody holds the map: a fleet's maps are looked at again and again."""
 
 
 def walls_of(vector_map: VectorMap) -> Walls:
     """The walls of a vector map, in metres of its frame."""
+    walls = _known.get(vector_map)
+    if walls is None:
+        walls = _known[vector_map] = _walls_of(vector_map)
+    return walls
+
+
+def _walls_of(vector_map: VectorMap) -> Walls:
     from fleetmap.vectorize import rasterize
 
     rows = vector_map.edges

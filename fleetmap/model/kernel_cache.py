@@ -18,7 +18,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1]
 """Where the package ``fleetmap`` lies; importing it from here would turn the arrows between the rooms around."""
 
-AGENT = ("model", "vectorize", "codecs", "merge")
+AGENT = ("model", "vectorize", "codecs", "merge", "align")
 """Groups of kernels that a peer needs, from the grid that it publishes to the merged map."""
 
 ROOM_BYTES = 1 << 20
