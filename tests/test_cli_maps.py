@@ -164,7 +164,7 @@ def test_the_kernels_are_compiled_and_kept(fleetmap_command, map_folder):
     assert "fleetmap.model.raster_kernels" in run.document["modules"]
 
 
-@pytest.mark.parametrize("command", ["sim", "stats", "vectorize", "rasterize", "compare", "warmup"])
+@pytest.mark.parametrize("command", ["sim", "stats", "vectorize", "rasterize", "compare", "merge", "warmup"])
 def test_every_command_has_help_with_an_example(fleetmap_command, tmp_path, command):
     run = fleetmap_command(command, "--help", cwd=tmp_path)
     assert run.code == 0

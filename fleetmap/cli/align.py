@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fleetmap.cli.output import AsJson, print_json
+from fleetmap.cli.output import AsJson, print_json, stderr
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.pose import Pose2
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -16,16 +18,30 @@ if TYPE_CHECKING:
     from fleetmap.align.evidence import Evidence
     from fleetmap.align.protocol import Alignment
     from fleetmap.model.grid import OccupancyGrid
-    from fleetmap.model.pose import Pose2
+    from fleetmap.model.vectormap import VectorMap
+
+LEVEL = "L1"
+"""What Open-RMF's traffic editor calls the first level."""
 
 LONGEST_PX = 1600
 INK_A, INK_B, FREE_A, FREE_B = (30, 60, 120), (200, 70, 40), (214, 226, 244), (250, 224, 214)
 
 
 def align(
-    a: Annotated[Path, typer.Argument(metavar="A", help="A map: map_server .yaml, .fmap or .fgrid.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="Another one, to be laid over it.")],
+    a: Annotated[
+        Path, typer.Argument(metavar="A", help="A map: map_server .yaml, .fmap or .fgrid; or a floor plan, .png.")
+    ],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another map, to be laid over it.")],
+    resolution: Annotated[
+        float | None, typer.Option(metavar="M", help="Metres a pixel, if A is the picture of a floor plan.")
+    ] = None,
     png: Annotated[Path | None, typer.Option(metavar="OUT.png", help="Draw one over the other.")] = None,
+    rmf: Annotated[
+        bool, typer.Option("--rmf", help="Print only the YAML that a fleet adapter of Open-RMF needs: A is its map.")
+    ] = False,
+    level: Annotated[
+        str | None, typer.Option(metavar="NAME", show_default="L1", help="With --rmf: the level that A shows.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find where map B lies in map A, without being told anything; or say why that can't be told.
@@ -35,28 +51,72 @@ def align(
     what the other saw as free) or `too_small`. Ends with 1 unless it is committed.
 
     For instance:  fleetmap align monday.yaml tuesday.yaml --png both.png
+
+    A may be a floor plan: dark pixels are walls, all others free, and its lower left corner is at (0, 0).
+
+    For instance:  fleetmap align plan.png robot.yaml --resolution 0.05
+
+    With --rmf, `reference_coordinates` for the config.yaml of a fleet adapter. Of a floor plan they are those of RMF's
+    traffic editor, if its scale is the same: from the upper left corner, y up.
+
+    For instance:  fleetmap align plan.png robot.yaml --resolution 0.05 --rmf >> config.yaml
     """
     from fleetmap.align.align import align as find
-    from fleetmap.cli.maps import check_output, read_grid
+    from fleetmap.cli.maps import check_output, check_resolution, read_vector_map
     from fleetmap.model.kernel_cache import modules_of
     from fleetmap.model.kernel_compiler import compile_ahead
-    from fleetmap.vectorize import vectorize
+    from fleetmap.vectorize import rasterize
 
     if png is not None:
-        check_output(png, ".png")
-    compile_ahead(modules_of("model", "vectorize"))
-    grid_a, grid_b = read_grid(a), read_grid(b)
-    found = find(vectorize(grid_a), vectorize(grid_b))
+        check_output(png, ".png", inputs=(a, b))
+    check_resolution(a, resolution)
+    _check_rmf(rmf, level, as_json)
+    compile_ahead(modules_of("model", "vectorize", "codecs", "align"))
+    map_a, map_b = read_vector_map(a, resolution), read_vector_map(b)
+    found = find(map_a, map_b)
     document = as_document(a, b, found)
     if png is not None and found.T_a_b is not None:
-        overlay(grid_a, grid_b, found.T_a_b).save(png)
+        overlay(rasterize(map_a), rasterize(map_b), found.T_a_b).save(png)
         document["png"] = str(png)
+    committed = found.outcome == "committed"
     if as_json:
         print_json(document)
+    elif rmf:
+        stderr.print(f"{found.outcome}: {found.text}", markup=False, highlight=False, soft_wrap=True)
+        if committed and found.T_a_b is not None:
+            typer.echo(as_rmf(rmf_frame(a, resolution) @ found.T_a_b, map_b, level or LEVEL), nl=False)
     else:
         _print(document)
-    if found.outcome != "committed":
+    if not committed:
         raise typer.Exit(1)
+
+
+def _check_rmf(rmf: bool, level: str | None, as_json: bool) -> None:
+    if level is not None and not rmf:
+        raise ConfigError(option="level", value=level, reason="goes with --rmf")
+    if rmf and as_json:
+        raise ConfigError(option="rmf", value=rmf, reason="prints YAML, and --json JSON: leave one of them out")
+
+
+def rmf_frame(a: Path, resolution_m: float | None) -> Pose2:
+    """T_rmf_a: a floor plan's upper left corner is at (0, 0) in RMF, its lower left corner here."""
+    from fleetmap.cli.maps import read_plan
+
+    if resolution_m is None:
+        return Pose2()
+    return Pose2(0.0, -read_plan(a, resolution_m).height * resolution_m)
+
+
+def as_rmf(T_rmf_robot: Pose2, robot_map: VectorMap, level: str) -> str:
+    """The transform as a fleet adapter of Open-RMF reads it: points of both frames in YAML, for `nudged` to fit."""
+    import numpy as np
+    import yaml
+
+    walls = robot_map.segments_xy[robot_map.obstacle].reshape(-1, 2)
+    (x0, y0), (x1, y1) = np.round(walls.min(axis=0), 3).tolist(), np.round(walls.max(axis=0), 3).tolist()
+    robot = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
+    points = {"rmf": np.round(T_rmf_robot.apply(robot), 4).tolist(), "robot": robot}
+    return str(yaml.safe_dump({"reference_coordinates": {level: points}}, default_flow_style=None, sort_keys=False))
 
 
 def as_document(a: Path, b: Path, found: Alignment) -> dict[str, Any]:

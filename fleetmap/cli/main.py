@@ -22,6 +22,7 @@ from fleetmap.cli.bridge import bridge
 from fleetmap.cli.compare import compare
 from fleetmap.cli.compiling import CompilingShown
 from fleetmap.cli.doctor import doctor
+from fleetmap.cli.merge import merge
 from fleetmap.cli.output import CheckedOutput, OutputLost, print_json, stderr
 from fleetmap.cli.paper import paper
 from fleetmap.cli.play import play
@@ -42,7 +43,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (sim, stats, doctor, record, play, vectorize, rasterize, compare, align, paper, warmup):
+for command in (sim, stats, doctor, record, play, vectorize, rasterize, compare, align, merge, paper, warmup):
     app.command()(command)
 app.add_typer(bridge, name="bridge")
 
