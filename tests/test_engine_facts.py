@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from exchange import Fleet, asks, chain, commit, deliver, dropped, engine, held, life, meet, query, reply, room, tell
 from hypothesis import given
@@ -81,6 +83,19 @@ def test_facts_are_bounded(facts: dict[bytes, bytes], reason: str | None) -> Non
 TURNED = FixedPose.from_pose(Pose2(1.0, -2.0, 0.5))
 
 
+ALIGNMENT = known.AlignmentFact(
+    "0",
+    ("q" * 64, 2**64 - 1, "s" * 64),
+    "committed",
+    TURNED,
+    (100, -3, 2, 90, 1, 4),
+    (10**6, -(10**7)),
+    known.Weight(120_000, 30, 125_000, 44_000, 7_000),
+)
+REFUSED = known.AlignmentFact("1", ("q", 7, "0"), "too_small")
+VERDICT = known.Verdict(("q", 9, ALIGNMENT.subject), TURNED, 100_000)
+
+
 def test_every_kind_comes_back() -> None:
     facts = Facts()
     steps: list[FactsStep] = [
@@ -91,22 +106,39 @@ def test_every_kind_comes_back() -> None:
         known.supersede({7: (3, 2**63)}),
         known.forget({("q", 9): (2**18, 1), ("r-1", 9): (1, 2)}),
         known.set_addresses(["tcp/10.0.0.2:7447", "tls/[fe80::1%eth0]:1"]),
+        known.set_alignment(ALIGNMENT),
+        known.set_alignment(REFUSED),
+        known.set_verdict(VERDICT),
+        known.set_start_sigma(300_000, 20_000),
     ]
     for step in steps:
         facts = facts.after(step)
     check_facts(facts)
-    assert {key[0] for key in facts} == known.CHECKS.keys() == {1, 2, 3, 4, 5, 6, 7}
+    assert {key[0] for key in facts} == known.CHECKS.keys() == set(range(1, 11))
     assert known.level_of(facts) == "2.upper"
     assert known.start_of(facts) == known.anchor_of(facts, "s") == TURNED
     assert known.named_lives(facts) == {7, 2**64 - 1}
     assert known.superseded_lives(facts) == {7: (3, 2**63)}
     assert known.forgotten_streams(facts) == {("q", 9): (2**18, 1), ("r-1", 9): (1, 2)}
+    assert {fact.other: fact for fact in known.alignments_of(facts)} == {f.other: f for f in (ALIGNMENT, REFUSED)}
+    assert known.verdicts_of(facts) == [VERDICT]
+    assert known.start_sigma_of(facts) == (300_000, 20_000)
+    for taken_back in (
+        known.drop_alignment("0", ALIGNMENT.other),
+        known.drop_alignment("1", REFUSED.other),
+        known.drop_verdict(VERDICT.about),
+    ):
+        facts = facts.after(taken_back)
+    assert not known.alignments_of(facts)
+    assert not known.verdicts_of(facts)
 
 
 def test_what_is_usual_is_not_said() -> None:
     facts = Facts()
     assert (known.level_of(facts), known.start_of(facts), known.anchor_of(facts, "s")) == ("0", None, FixedPose())
+    assert known.start_sigma_of(facts) == (30_000, 2_000)
     usual: list[FactsStep] = [known.set_level("0"), known.set_start(None), known.set_anchor("s", FixedPose())]
+    usual.append(known.set_start_sigma(30_000, 2_000))
     for step in usual:
         assert facts.after(step) is facts
     # A start at the origin is known, and says so.
@@ -121,6 +153,16 @@ def test_of_too_many_lives_the_greatest_numbers_are_named() -> None:
 
 POSE = known.set_start(TURNED)[b"\x02"] or b""
 STATE = b"\x00" * 12
+BAD_ALIGNMENTS = [
+    replace(ALIGNMENT, submap="a b"),
+    replace(ALIGNMENT, other=("a/b", 7, "0")),
+    replace(ALIGNMENT, other=("a", 7, "")),
+    replace(ALIGNMENT, covariance=(-1, 0, 0, 1, 0, 1)),
+    replace(ALIGNMENT, covariance=(1, 0, 0, 1, 0, 2**62 + 1)),
+    replace(ALIGNMENT, middle_um=(0, 2**44 + 1)),
+    replace(ALIGNMENT, weight=known.Weight(-1)),
+    replace(ALIGNMENT, weight=known.Weight(second=2**31 + 1)),
+]
 
 
 @pytest.mark.parametrize(
@@ -145,6 +187,17 @@ STATE = b"\x00" * 12
         (b"\x06" + b"\x00" * 8, STATE),
         (b"\x06" + b"\x00" * 8 + b"a b", STATE),
         (b"\x06" + b"\x00" * 8 + b"a", STATE[1:]),
+        (b"\x08" + ALIGNMENT.subject, REFUSED.pack()),
+        (b"\x08" + ALIGNMENT.subject, ALIGNMENT.pack()[:-1]),
+        (b"\x08" + ALIGNMENT.subject, ALIGNMENT.pack() + b"\x00"),
+        (b"\x08" + ALIGNMENT.subject, b"\xc1"),
+        *[(b"\x08" + fact.subject, fact.pack()) for fact in BAD_ALIGNMENTS],
+        (b"\x09" + b"\x00" * 16, b"\x00" * 4),
+        (b"\x09" + b"\x00" * 16 + b"a b", b"\x00" * 4),
+        (b"\x09" + b"\x00" * 16 + b"a", b"\x00" * 3),
+        (b"\x09" + b"\x00" * 16 + b"a", b"\x00" * 4 + POSE[:-1]),
+        (b"\x0ax", b"\x00" * 10),
+        (b"\x0a", b"\x00" * 9),
     ],
 )
 def test_a_fact_that_is_not_of_its_kind_is_refused_and_nothing_is_changed(fact: tuple[bytes, bytes]) -> None:

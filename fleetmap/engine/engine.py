@@ -21,6 +21,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import (
+    Facts,
     FactsStep,
     addresses_of,
     forget,
@@ -29,8 +30,10 @@ from fleetmap.codecs.facts import (
     set_anchor,
     set_level,
     set_start,
+    set_start_sigma,
     supersede,
 )
+from fleetmap.codecs.facts.sigma import USUAL as USUAL_SIGMA
 from fleetmap.codecs.messages import (
     MAX_EPSILON_CELLS,
     MAX_LIFE,
@@ -53,6 +56,7 @@ from fleetmap.engine.budget import Budget
 from fleetmap.engine.catchup import GRACE_S, About
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
+from fleetmap.engine.components import Components, components_of
 from fleetmap.engine.guard import REFUSED_COUNTS, Guard
 from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.inputs import Alive, Foreign, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
@@ -89,6 +93,7 @@ class Engine:
     chain : the links of the own life
     level : robots of different levels are never merged
     start : T_fleet_robot, None if unknown
+    start_sigma : how exact that is: standard deviations, micrometres and microradians
     heartbeat_s : how often the own revision is announced while nothing changes
     quota : when updates of the own map may be sent; None: at once
     allow : names that are listened to; None: all
@@ -102,6 +107,7 @@ class Engine:
         chain: Chain,
         level: str = "0",
         start: FixedPose | None = None,
+        start_sigma: tuple[int, int] = USUAL_SIGMA,
         heartbeat_s: float = 10.0,
         quota: Quota | None = None,
         ledger: Ledger | None = None,
@@ -125,7 +131,10 @@ class Engine:
         """Robots that speak another version of the protocol, 0 where it isn't said."""
         self._refused: ConfigError | None = None
         self._left_out: set[Key] = set()
-        self._commit(facts={**set_level(level), **set_start(start)}, even_if_nothing=True)
+        self._placed: tuple[tuple[list[tuple[Key, Facts]], Components], ...] = ()
+        self._commit(
+            facts={**set_level(level), **set_start(start), **set_start_sigma(*start_sigma)}, even_if_nothing=True
+        )
 
     @property
     def own(self) -> Stream:
@@ -199,6 +208,18 @@ class Engine:
         facts = set_start(start)
         self._check_reach({**self._voice.waiting_facts, **facts}, self._voice.waiting_maps)
         return self._commit(facts=facts) > 0
+
+    def say(self, *facts: FactsStep) -> bool:
+        """Say facts about frames (``codecs.facts``: alignments, verdicts); False if they are said already.
+
+        Raises
+        ------
+        ConfigError : there are more than a stream may have
+        """
+        together: dict[bytes, bytes | None] = {}
+        for step in facts:
+            together |= step
+        return self._commit(facts=together) > 0
 
     def forget(self, robot: str, *, everywhere: bool = False) -> bool:
         """Leave what a robot has said so far out of the merged map: here, or at every peer. What it says next is back.
@@ -343,6 +364,15 @@ class Engine:
         """Streams that are kept and merged, ascending by robot and life."""
         left_out = self.left_out()
         return [s for s in self.holdings.streams() if s.key not in left_out]
+
+    def placed_streams(self) -> list[Stream]:
+        """Those and the own one, whoever has it forgotten."""
+        own = self.own
+        return sorted([own, *(s for s in self.merged_streams() if s.key != own.key)], key=lambda s: s.key)
+
+    def components(self) -> Components:
+        """Which of them are connected, and where each lies. Any thread may ask."""
+        return self._components_with(self.own)
 
     def disputed(self) -> dict[str, str]:
         """Robots whose maps the others don't agree about, and who says what; those that are left out don't count.
@@ -658,7 +688,19 @@ class Engine:
         return len(record)
 
     def _check_reach(self, facts: FactsStep, maps: Mapping[str, VectorMap], *, submap: str | None = None) -> None:
-        check_reach(self.own, self._voice.after(facts, maps), self.merged_streams(), submap=submap)
+        after = self._voice.after(facts, maps)
+        check_reach(self.own, after, self.merged_streams(), self._components_with, submap=submap)
+
+    def _components_with(self, own: Stream) -> Components:
+        """Where all streams lie, if the own one were that one; the last two answers are remembered."""
+        streams = [own if stream.key == own.key else stream for stream in self.placed_streams()]
+        facts = [(stream.key, stream.facts) for stream in streams]
+        for known, components in self._placed:
+            if len(known) == len(facts) and all(a == c and b is d for (a, b), (c, d) in zip(known, facts, strict=True)):
+                return components
+        components = components_of(streams)
+        self._placed = ((facts, components), *self._placed[:1])
+        return components
 
     def _check_density(self, maps: Mapping[str, VectorMap], submap: str) -> None:
         others = sum(len(m) for name, m in {**self.own.submaps, **maps}.items() if name != submap)

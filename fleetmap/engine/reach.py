@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import reduce
 from operator import or_
 from weakref import WeakKeyDictionary
@@ -11,15 +11,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.engine.components import Components
 from fleetmap.engine.stream import Stream
-from fleetmap.engine.view import others, sources_of
+from fleetmap.engine.view import sources_of
 from fleetmap.merge.fold import canonical
 from fleetmap.merge.origin import MAX_EXTENT, Box, in_metres
 from fleetmap.merge.place import to_fleet
 from fleetmap.merge.protocol import Source
 from fleetmap.model.errors import ConfigError
+from fleetmap.model.pose import FixedPose
 
-_rough_boxes: WeakKeyDictionary[Stream, Box | None] = WeakKeyDictionary()
+_rough_boxes: WeakKeyDictionary[Stream, tuple[FixedPose | None, Box | None]] = WeakKeyDictionary()
 """See ``rough_box``: most streams stay as they are between two of the own steps."""
 
 LIMIT = (
@@ -28,13 +30,21 @@ LIMIT = (
 )
 
 
-def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap: str | None = None) -> None:
+def check_reach(
+    before: Stream,
+    after: Stream,
+    held: Iterable[Stream],
+    components_with: Callable[[Stream], Components],
+    *,
+    submap: str | None = None,
+) -> None:
     """Check the step of the own stream to ``after``: its start if ``submap`` is None, else that submap.
 
     Parameters
     ----------
     before : what the own stream says now
     held : all streams that are held
+    components_with : where all of them lie, if the own stream were that one
 
     Raises
     ------
@@ -49,7 +59,8 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
             return ConfigError(option="submap", value=submap, reason=reason)
         return ConfigError(option="start", value=start and start.to_pose(), reason=reason)
 
-    own, unplaced = sources_of([after])
+    components = components_with(after)
+    own, unplaced = sources_of([after], components)
     for _, reason in unplaced:
         raise refuse(reason)
     for source in own:
@@ -59,8 +70,9 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
             raise refuse(f"start, anchor and origin together: {error}") from error
 
     # 1. Mostly all lies together, and no edge need be looked at.
-    rest = others(after, held)
-    boxes = [box for stream in (after, *rest) if (box := rough_box(stream)) is not None]
+    members = set(components.members(after.key))
+    rest = [stream for stream in held if stream.key in members and stream.key != after.key]
+    boxes = [box for stream in (after, *rest) if (box := rough_box(stream, components)) is not None]
     if not boxes or reduce(or_, boxes).extent <= MAX_EXTENT:
         return
 
@@ -75,9 +87,10 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
                 raise refuse(f"submaps {frame[2]} and {other[2]} together extend {in_metres(extent)}; {LIMIT}")
 
     # 3. With those that are in the merged map now, or would be.
-    sources = sources_of(rest)[0]
-    was_there = before.start is not None and before.level == after.level
-    own_now = sources_of([before])[0] if was_there else []
+    sources = sources_of(rest, components)[0]
+    was = components_with(before)
+    was_there = members <= set(was.members(before.key))
+    own_now = sources_of([before], was)[0] if was_there else []
     now, then = (canonical([*sources, *those]) for those in (own_now, own))
     kept = {frame for found in (now, then) for frames in found.frames for frame in frames}
     for source in sources:
@@ -93,19 +106,21 @@ def check_reach(before: Stream, after: Stream, held: Iterable[Stream], *, submap
                 )
 
 
-def rough_box(stream: Stream) -> Box | None:
+def rough_box(stream: Stream, components: Components) -> Box | None:
     """Where the maps of a stream lie at most, by the corners around each; None if there are none."""
-    if stream not in _rough_boxes:
+    pose = components.pose(stream.key)
+    known = _rough_boxes.get(stream)
+    if known is None or known[0] != pose:
         boxes = []
-        for source in sources_of([stream])[0]:
+        for source in sources_of([stream], components)[0]:
             bounds = source.vector_map.bounds_yx
             if bounds is not None:
                 y0, x0, y1, x1 = bounds
                 corners = np.array([(y0, x0), (y0, x1), (y1, x0), (y1, x1)])
                 with contextlib.suppress(ConfigError):  # nobody can place it
                     boxes.append(Box.of(to_fleet(source.T_fleet_frame, source.vector_map.lattice, corners)))
-        _rough_boxes[stream] = reduce(or_, boxes) if boxes else None
-    return _rough_boxes[stream]
+        known = _rough_boxes[stream] = pose, reduce(or_, boxes) if boxes else None
+    return known[1]
 
 
 def _points(source: Source) -> NDArray[np.int64]:

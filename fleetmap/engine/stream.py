@@ -24,6 +24,7 @@ from fleetmap.codecs.facts import (
     level_of,
     named_lives,
     start_of,
+    start_sigma_of,
     superseded_lives,
 )
 from fleetmap.codecs.messages import PROFILES, Change, MapHeader, Revision, SubmapChange
@@ -99,6 +100,11 @@ class Stream:
     def start(self) -> FixedPose | None:
         """T_fleet_robot; None while it is unknown."""
         return start_of(self.facts)
+
+    @property
+    def start_sigma(self) -> tuple[int, int]:
+        """How exact it is: standard deviations, micrometres and microradians."""
+        return start_sigma_of(self.facts)
 
     def anchor(self, submap: str) -> FixedPose:
         """T_robot_submap."""

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fleetmap.codecs.messages import Revision
+from fleetmap.engine.components import Components
 from fleetmap.engine.stream import Stream
-from fleetmap.merge.protocol import Frame, Source
+from fleetmap.merge.protocol import Source
 from fleetmap.model.errors import ConfigError
+from fleetmap.model.frame import Frame
+from fleetmap.model.pose import FixedPose
 
 if TYPE_CHECKING:
     from fleetmap.engine.engine import Engine
@@ -24,41 +27,42 @@ class View:
     sources : its maps
     revisions : (robot, revision) of the streams that they come from
     left_out : (frame, reason) of maps whose start and anchor are each in their bounds, and both together beyond them
+    poses : T_component_robot of each of these streams
     """
 
     sources: tuple[Source, ...]
     revisions: tuple[tuple[str, Revision], ...]
     left_out: tuple[tuple[Frame, str], ...]
+    poses: tuple[FixedPose, ...] = ()
 
 
 def view(engine: Engine) -> View:
-    """All streams of the own level whose start is known; the own one alone while its start is not.
+    """All streams of the own component: those that alignments connect with the own one, and those that have a start.
 
-    A stream without a start is a component of its own, in its robot's map frame.
+    A stream that nothing connects is a component of its own, in its robot's map frame.
     """
-    own, left_out = engine.own, engine.left_out()
-    held = [s for s in engine.holdings.streams() if s.key not in left_out]
-    streams = sorted([own, *others(own, held)], key=lambda s: s.key)
-    sources, unplaced = sources_of(streams)
-    return View(tuple(sources), tuple((s.robot, s.revision) for s in streams), tuple(unplaced))
+    streams, components = engine.placed_streams(), engine.components()
+    members = set(components.members(engine.own.key))
+    mine = [stream for stream in streams if stream.key in members]
+    sources, unplaced = sources_of(mine, components)
+    revisions = tuple((s.robot, s.revision) for s in mine)
+    return View(tuple(sources), revisions, tuple(unplaced), poses_of(mine, components))
 
 
-def others(own: Stream, held: Iterable[Stream]) -> list[Stream]:
-    """The streams that are in one component with the own one."""
-    if own.start is None:
-        return []
-    return [s for s in held if s.key != own.key and s.start is not None and s.level == own.level]
+def poses_of(streams: Iterable[Stream], components: Components) -> tuple[FixedPose, ...]:
+    """T_component_robot of each: with equal revisions they may differ, as what somebody else says may move them."""
+    return tuple(components.pose(stream.key) or FixedPose() for stream in streams)
 
 
-def sources_of(streams: Iterable[Stream]) -> tuple[list[Source], list[tuple[Frame, str]]]:
-    """Their submaps where start and anchor put them, and (frame, reason) of those that no pose can put there."""
+def sources_of(streams: Iterable[Stream], components: Components) -> tuple[list[Source], list[tuple[Frame, str]]]:
+    """Their submaps where they lie in their component, and (frame, reason) of those that no pose can put there."""
     sources, left_out = [], []
     for stream in streams:
-        start = stream.start
+        T_component_robot = components.pose(stream.key) or FixedPose()
         for name, vector_map in sorted(stream.submaps.items()):
             frame, anchor = (stream.robot, stream.life, name), stream.anchor(name)
             try:
-                T_fleet_frame = anchor if start is None else start @ anchor
+                T_fleet_frame = T_component_robot @ anchor
             except ConfigError as error:
                 left_out.append((frame, f"start and anchor together: {error}"))
             else:

@@ -29,9 +29,10 @@ import numpy as np
 from fleetmap.merge.arrange import lower_end_first
 from fleetmap.merge.origin import Box
 from fleetmap.merge.place import Placed, place
-from fleetmap.merge.protocol import Frame, Source
+from fleetmap.merge.protocol import Source
 from fleetmap.merge.tiles import tiles_of_edges
 from fleetmap.model.errors import MapFormatError
+from fleetmap.model.frame import Frame
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 

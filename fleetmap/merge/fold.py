@@ -17,10 +17,11 @@ from fleetmap.merge.arrange import arrange
 from fleetmap.merge.faces import side_states
 from fleetmap.merge.origin import MAX_REACH, choose_origin, too_far
 from fleetmap.merge.place import Placed
-from fleetmap.merge.protocol import Frame, Source
+from fleetmap.merge.protocol import Source
 from fleetmap.merge.select import select
 from fleetmap.merge.simplify import simplify
 from fleetmap.merge.snap import snap
+from fleetmap.model.frame import Frame
 from fleetmap.model.mergedmap import FLEET_UM, MergedMap
 
 SNAP_CELLS = 1

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fleetmap.merge.protocol import Frame
+from fleetmap.model.frame import Frame
 from fleetmap.model.lattice import MAX_COORDINATE
 from fleetmap.model.mergedmap import FLEET_UM, ORIGIN_UM
 

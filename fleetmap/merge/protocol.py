@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from fleetmap.model.frame import Frame
 from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
-
-Frame = tuple[str, int, str]
-"""(robot, life, submap)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

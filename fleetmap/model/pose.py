@@ -111,6 +111,18 @@ class FixedPose:
             shift_round(s * other.cos_q30 + c * other.sin_q30, 30),
         )
 
+    def inverse(self) -> FixedPose:
+        """``T_b_a`` of this ``T_a_b``; the offset is rounded half up once."""
+        c, s = self.cos_q30, self.sin_q30
+        return FixedPose(
+            shift_round(-c * self.x_um - s * self.y_um, 30), shift_round(s * self.x_um - c * self.y_um, 30), c, -s
+        )
+
+    def apply_um(self, x_um: int, y_um: int) -> tuple[int, int]:
+        """A point in whole micrometres, mapped through this transform and rounded half up once."""
+        c, s = self.cos_q30, self.sin_q30
+        return self.x_um + shift_round(c * x_um - s * y_um, 30), self.y_um + shift_round(s * x_um + c * y_um, 30)
+
 
 def shift_round(value: int, bits: int) -> int:
     """``value / 2**bits`` rounded half up, exactly."""

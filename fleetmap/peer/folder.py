@@ -11,8 +11,9 @@ import numpy as np
 
 from fleetmap.engine import MapChanged
 from fleetmap.engine.view import View
-from fleetmap.merge.protocol import Frame
+from fleetmap.model.frame import Frame
 from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.pose import FixedPose
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
 
@@ -39,6 +40,7 @@ class Folder:
     ) -> None:
         self._merged, self._looked_at = MergedMap(np.zeros((0, 8), np.int32)), False
         self.revisions: RevisionVector = ()
+        self._poses: tuple[FixedPose, ...] = ()
         self.folded = False
         """Whether ``merged`` was ever brought up to date."""
         self.readers: set[ChangeQueue] = set()
@@ -52,6 +54,10 @@ class Folder:
         """The last one. Any thread may look at it."""
         self._looked_at = True
         return self._merged
+
+    def is_of(self, view: View) -> bool:
+        """Whether ``merged`` was made of what is seen there."""
+        return (self.revisions, self._poses) == (view.revisions, view.poses)
 
     def add(self, events: Iterable[MapChanged]) -> None:
         """Streams changed. Of the own one its robot wants to know whether it is merged."""
@@ -68,13 +74,13 @@ class Folder:
             events, self._events = self._events, []
             try:
                 view = await self._look()
-                if view.revisions != self.revisions:
+                if not self.is_of(view):
                     from fleetmap.merge import fold
 
                     merged = await in_thread(partial(fold, view.sources))
                     if view.left_out:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
-                    self._merged, self.revisions = merged, view.revisions
+                    self._merged, self.revisions, self._poses = merged, view.revisions, view.poses
                 self.folded = True
             except BaseException:
                 # Who waited gave up: the readers still want to know.

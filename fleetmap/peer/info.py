@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fleetmap.engine import Engine, Stream
+from fleetmap.engine.stream import Key
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -48,7 +49,7 @@ class TeammateInfo:
 def peer_infos(engine: Engine) -> list[PeerInfo]:
     """All other robots that are known, by name."""
     living = engine.living() - {engine.robot}
-    held = streams_of(engine)
+    held, placed = streams_of(engine), placed_in(engine)
     infos = []
     for robot in sorted({*held, *living}):
         alive = robot in living
@@ -57,7 +58,7 @@ def peer_infos(engine: Engine) -> list[PeerInfo]:
             continue
         stream, *others = held[robot]
         edges = sum(s.edges for s in held[robot])
-        T_fleet_robot = None if stream.start is None else stream.start.to_pose()
+        T_fleet_robot = placed.get(stream.key)
         life, seq = stream.life, stream.seq
         infos.append(PeerInfo(robot, alive, life, seq, edges, 1 + len(others), stream.level, T_fleet_robot))
     return infos
@@ -83,14 +84,13 @@ def maps_of(engine: Engine) -> dict[str, dict[str, VectorMap]]:
 
 def teammate_infos(engine: Engine, *, frame: str, now_s: float) -> list[TeammateInfo]:
     """Robots of the own level whose place in ``frame`` is known, by name."""
-    T_frame_fleet = frame_of(engine, frame)
+    T_frame_fleet, placed = frame_of(engine, frame), placed_in(engine)
     infos = []
     for robot, mate in sorted(dict(engine.teammates.by_name).items()):
-        stream = engine.holdings.held((robot, mate.life))
-        start = stream.start
-        if T_frame_fleet is None or start is None or stream.level != engine.own.level:
+        T_fleet_mate = placed.get((robot, mate.life))
+        if T_frame_fleet is None or T_fleet_mate is None:
             continue
-        T_frame_mate = T_frame_fleet @ start.to_pose()
+        T_frame_mate = T_frame_fleet @ T_fleet_mate
         pose = goal_xy = None
         if mate.pose is not None:
             pose = T_frame_mate @ Pose2(*(value * 1e-3 for value in mate.pose))
@@ -112,5 +112,25 @@ def frame_of(engine: Engine, frame: str) -> Pose2 | None:
         return Pose2()
     if frame != "robot":
         raise ConfigError(option="frame", value=frame, reason="expected robot or fleet")
-    start = engine.own.start
-    return None if start is None else start.to_pose().inverse()
+    own = placed_in(engine).get(engine.own.key)
+    return None if own is None else own.inverse()
+
+
+def frame_robot(engine: Engine) -> str | None:
+    """Whose map frame the merged map has; None: the fleet's, in which starts are given."""
+    own = engine.own
+    name, _ = engine.components().poses.get(own.key, (own.key, None))
+    started = any(stream.key == name and stream.start is not None for stream in engine.placed_streams())
+    return None if started else name[0]
+
+
+def placed_in(engine: Engine) -> dict[Key, Pose2]:
+    """T_fleet_robot of all streams of the own component; empty while nothing says where that lies, and it has no other.
+
+    The fleet's frame is that of the starts; without any that of the component (``engine.components``).
+    """
+    components, own = engine.components(), engine.own
+    members = components.members(own.key)
+    if own.start is None and members == [own.key]:
+        return {}
+    return {key: pose.to_pose() for key in members if (pose := components.pose(key)) is not None}

@@ -2,19 +2,34 @@
 
 from collections.abc import Callable, Mapping
 
-from fleetmap.codecs.facts import addresses, anchor, forgotten, level, lives, start, superseded
+from fleetmap.codecs.facts import (
+    addresses,
+    alignment,
+    anchor,
+    forgotten,
+    level,
+    lives,
+    sigma,
+    start,
+    superseded,
+    verdict,
+)
 from fleetmap.codecs.facts.addresses import addresses_of, set_addresses
+from fleetmap.codecs.facts.alignment import AlignmentFact, Weight, alignments_of, drop_alignment, set_alignment
 from fleetmap.codecs.facts.anchor import anchor_of, set_anchor
 from fleetmap.codecs.facts.facts import Facts, FactsStep, check_bounds
 from fleetmap.codecs.facts.forgotten import forget, forgotten_streams
 from fleetmap.codecs.facts.level import level_of, set_level
 from fleetmap.codecs.facts.lives import name_lives, named_lives
+from fleetmap.codecs.facts.sigma import set_start_sigma, start_sigma_of
 from fleetmap.codecs.facts.start import set_start, start_of
 from fleetmap.codecs.facts.state import State
 from fleetmap.codecs.facts.superseded import supersede, superseded_lives
+from fleetmap.codecs.facts.verdict import About, Verdict, drop_verdict, set_verdict, verdicts_of
 
 CHECKS: dict[int, Callable[[bytes, bytes], None]] = {
-    kind.KIND: kind.check for kind in (level, start, anchor, lives, superseded, forgotten, addresses)
+    kind.KIND: kind.check
+    for kind in (level, start, anchor, lives, superseded, forgotten, addresses, alignment, verdict, sigma)
 }
 
 
@@ -28,22 +43,34 @@ def check_facts(facts: Mapping[bytes, bytes]) -> None:
 
 __all__ = [
     "CHECKS",
+    "About",
+    "AlignmentFact",
     "Facts",
     "FactsStep",
     "State",
+    "Verdict",
+    "Weight",
     "addresses_of",
+    "alignments_of",
     "anchor_of",
     "check_facts",
+    "drop_alignment",
+    "drop_verdict",
     "forget",
     "forgotten_streams",
     "level_of",
     "name_lives",
     "named_lives",
     "set_addresses",
+    "set_alignment",
     "set_anchor",
     "set_level",
     "set_start",
+    "set_start_sigma",
+    "set_verdict",
     "start_of",
+    "start_sigma_of",
     "supersede",
     "superseded_lives",
+    "verdicts_of",
 ]

@@ -1,0 +1,213 @@
+"""Which frames are connected, and where each lies: a pure function of the streams, by integers alone.
+
+1. ``edges_of``: the best committed alignment of each pair of streams.
+2. Cores: streams that confirmed alignments connect. Where a loop doesn't close, what more loops support wins.
+3. Leaves: a core of one robot alone may hang itself on another one by its own word, and carries nobody with it.
+4. The frame of each component; those with a start lie in one, the fleet's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from fleetmap.engine.alignments import Edge, Said, edges_of, near, rank, said_by_all
+from fleetmap.engine.stream import Key, Stream
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.pose import FixedPose
+
+LOOP_UM, LOOP_COS_Q30 = 300_000, 1_073_578_288
+"""Around a loop of alignments one comes back to within so much of where one was, in the middle of what was aligned,
+and to within one degree."""
+
+
+@dataclass(frozen=True, slots=True)
+class Components:
+    """Where all streams lie.
+
+    Parameters
+    ----------
+    poses : (component, T_component_robot) of each stream; a component is named by its first stream
+    said : what was said of all pairs
+    lost : edges that contradict others, which count for more
+    """
+
+    poses: Mapping[Key, tuple[Key, FixedPose]]
+    said: tuple[Said, ...] = ()
+    lost: tuple[Edge, ...] = ()
+
+    def members(self, key: Key) -> list[Key]:
+        """The streams of one component, ascending."""
+        if key not in self.poses:
+            return [key]
+        return sorted(other for other, (name, _) in self.poses.items() if name == self.poses[key][0])
+
+    def pose(self, key: Key) -> FixedPose | None:
+        """T_component_robot."""
+        return self.poses[key][1] if key in self.poses else None
+
+
+@dataclass(slots=True)
+class Core:
+    """Streams that are connected.
+
+    Attributes
+    ----------
+    poses : where each lies in the frame of one of them
+    tree : the edges that connect them, one fewer than they are
+    """
+
+    poses: dict[Key, FixedPose]
+    tree: list[Edge] = field(default_factory=list)
+
+    def robots(self) -> set[str]:
+        """Whose."""
+        return {robot for robot, _ in self.poses}
+
+    def spread(self, start: Key, pose: FixedPose) -> dict[Key, FixedPose]:
+        """Where each lies if one of them lies there: from that one on, so that what is far off moves nothing here.
+
+        Raises
+        ------
+        ConfigError : one would lie beyond what a pose may be
+        """
+        beside: dict[Key, list[Edge]] = {}
+        for edge in self.tree:
+            beside.setdefault(edge.a, []).append(edge)
+            beside.setdefault(edge.b, []).append(edge)
+        placed, todo = {start: pose}, [start]
+        while todo:
+            key = todo.pop()
+            for edge in beside.get(key, ()):
+                other = edge.b if edge.a == key else edge.a
+                if other not in placed:
+                    placed[other] = placed[key] @ across(edge, key)
+                    todo.append(other)
+        return placed
+
+
+def components_of(streams: Iterable[Stream]) -> Components:
+    """All components of these streams."""
+    by_key = {stream.key: stream for stream in sorted(streams, key=lambda s: s.key)}
+    said = said_by_all(by_key.values())
+    edges = edges_of(said, by_key.values())
+    cores, lost = cores_of(by_key, [edge for edge in edges if edge.confirmed])
+    hooks = hang(cores, [edge for edge in edges if not edge.confirmed])
+    placed: dict[Key, tuple[Key, FixedPose]] = {}
+    fleet: dict[str, Key] = {}
+    for core in cores:
+        if id(core) not in hooks:
+            frame, pose = frame_of(core, by_key)
+            # All that have a start lie in one frame, on each level.
+            name = frame if by_key[frame].start is None else fleet.setdefault(by_key[frame].level, frame)
+            put(placed, core, name, frame, pose)
+    todo = [core for core in cores if id(core) in hooks]
+    while todo:
+        ready = [core for core in todo if hooks[id(core)].b in placed]
+        for core in ready:
+            edge = hooks[id(core)]
+            name, T_name_b = placed[edge.b]
+            try:
+                pose = T_name_b @ edge.T_a_b.inverse()
+            except ConfigError:
+                name, pose = edge.a, FixedPose()
+            put(placed, core, name, edge.a, pose)
+        todo = [core for core in todo if core not in ready]
+    return Components(placed, tuple(said), tuple(lost))
+
+
+def put(placed: dict[Key, tuple[Key, FixedPose]], core: Core, name: Key, key: Key, pose: FixedPose) -> None:
+    """Place a core; beyond what a pose may be, each of its streams is by itself."""
+    try:
+        placed |= {other: (name, there) for other, there in core.spread(key, pose).items()}
+    except ConfigError:
+        placed |= {other: (other, FixedPose()) for other in core.poses}
+
+
+def cores_of(streams: Iterable[Key], edges: Sequence[Edge]) -> tuple[list[Core], list[Edge]]:
+    """Connect streams, the most supported edges first; and the edges that contradict those before them."""
+    of = {key: Core({key: FixedPose()}) for key in streams}
+    lost = []
+    for edge in by_support(edges):
+        one, other = of[edge.a], of[edge.b]
+        if one is other:
+            if not closes(edge, one.poses[edge.a], one.poses[edge.b]):
+                lost.append(edge)
+            continue
+        try:
+            T_one_other = one.poses[edge.a] @ edge.T_a_b @ other.poses[edge.b].inverse()
+            moved = {key: T_one_other @ pose for key, pose in other.poses.items()}
+        except ConfigError:
+            lost.append(edge)
+            continue
+        one.poses |= moved
+        one.tree += [*other.tree, edge]
+        of |= dict.fromkeys(moved, one)
+    return list({id(core): core for core in of.values()}.values()), lost
+
+
+def by_support(edges: Sequence[Edge]) -> list[Edge]:
+    """The edges by how many triangles with each close, then by rank."""
+    beside: dict[Key, dict[Key, Edge]] = {}
+    for edge in edges:
+        beside.setdefault(edge.a, {})[edge.b] = edge
+        beside.setdefault(edge.b, {})[edge.a] = edge
+
+    def support(edge: Edge) -> int:
+        robots = set()
+        for third in beside[edge.a].keys() & beside[edge.b].keys():
+            T_a_third, T_third_b = across(beside[edge.a][third], edge.a), across(beside[third][edge.b], third)
+            try:
+                if closes(edge, FixedPose(), T_a_third @ T_third_b):
+                    robots.add(third[0])
+            except ConfigError:
+                continue
+        return len(robots - {edge.a[0], edge.b[0]})
+
+    return sorted(edges, key=lambda edge: (-support(edge), rank(edge)))
+
+
+def across(edge: Edge, start: Key) -> FixedPose:
+    """From the other end of an edge into the frame of this one."""
+    return edge.T_a_b if edge.a == start else edge.T_a_b.inverse()
+
+
+def closes(edge: Edge, T_c_a: FixedPose, T_c_b: FixedPose) -> bool:
+    """Whether an edge says the same as two poses in a common frame."""
+    try:
+        T_a_b = T_c_a.inverse() @ T_c_b
+    except ConfigError:
+        return False
+    return near(T_a_b, edge.T_a_b, edge.middle_um, LOOP_UM, LOOP_COS_Q30)
+
+
+def hang(cores: Sequence[Core], edges: Sequence[Edge]) -> dict[int, Edge]:
+    """Cores of one robot hang themselves on others, each by the best of its own edges: by the identity of the core."""
+    of = {key: core for core in cores for key in core.poses}
+    hooks: dict[int, Edge] = {}
+    for edge in edges:
+        core, end = of[edge.a], of[edge.b]
+        while id(end) in hooks:
+            end = of[hooks[id(end)].b]
+        if core.robots() == {edge.a[0]} and id(core) not in hooks and end is not core:
+            hooks[id(core)] = edge
+    return hooks
+
+
+def frame_of(core: Core, streams: Mapping[Key, Stream]) -> tuple[Key, FixedPose]:
+    """Which stream gives a component its frame, and where it lies there.
+
+    That of the smallest robot name, its first life; if any has a start, of those. Of the core alone: who hangs itself
+    on it turns nobody's map.
+    """
+    keys = sorted(core.poses)
+    started = [key for key in keys if streams[key].start is not None]
+    robot = (started or keys)[0][0]
+    first = first_life([streams[key] for key in started or keys if key[0] == robot])
+    return first.key, first.start or FixedPose()
+
+
+def first_life(lives: Sequence[Stream]) -> Stream:
+    """The one that was before the others: a life names those before it. Of several the one with the least number."""
+    known = {stream.life for stream in lives}
+    return min(lives, key=lambda s: (len((s.names | s.supersedes.keys()) & known - {s.life}), s.life))
