@@ -39,19 +39,19 @@ def room(shift_m: float = 0.0) -> MergedMap:
 def test_a_perfect_map_has_no_error_and_covers_everything() -> None:
     truth = world()
     reachable = truth.reachable([START], radius_m=0.2)
-    error = map_error(room(), truth, reachable, range_m=10.0)
+    error = map_error(room(), Pose2(), truth, reachable, range_m=10.0)
     assert (error.median, error.p95) == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert covered(room(), truth, reachable) == 1.0
+    assert covered(room(), Pose2(), truth, reachable) == 1.0
 
 
 def test_a_moved_map_is_wrong_by_as_much_as_its_moved_walls_are_both_ways() -> None:
     truth = world()
     reachable = truth.reachable([START], radius_m=0.2)
-    error = map_error(room(0.1), truth, reachable, range_m=10.0)
+    error = map_error(room(0.1), Pose2(), truth, reachable, range_m=10.0)
     assert error.truth_to_map_p95 == pytest.approx(0.1, abs=1e-6)
     assert error.map_to_truth_p95 == pytest.approx(0.1, abs=1e-6)
     assert error.p95 == pytest.approx(0.1, abs=1e-6)
-    shifted = covered(room(1.0), truth, reachable)
+    shifted = covered(room(1.0), Pose2(), truth, reachable)
     assert shifted == pytest.approx(1 - 0.8 / 4.6, abs=0.02)
 
 
@@ -59,17 +59,17 @@ def test_a_missing_wall_shows_in_one_direction_and_a_phantom_one_in_the_other() 
     truth = world()
     reachable = truth.reachable([START], radius_m=0.2)
     whole = room()
-    missing = map_error(MergedMap(whole.edges[:2]), truth, reachable, range_m=10.0)
+    missing = map_error(MergedMap(whole.edges[:2]), Pose2(), truth, reachable, range_m=10.0)
     assert missing.truth_to_map_p95 > 1.0 > missing.map_to_truth_p95
     phantom = np.vstack([whole.edges, [[600, 300, 600, 900, 0, 0, 1, 10]]])
-    extra = map_error(MergedMap(phantom), truth, reachable, range_m=10.0)
+    extra = map_error(MergedMap(phantom), Pose2(), truth, reachable, range_m=10.0)
     assert extra.map_to_truth_p95 > 1.0 > extra.truth_to_map_p95
 
 
 def test_an_empty_map_has_no_error_figure() -> None:
     truth = world()
     error = map_error(
-        MergedMap(np.zeros((0, 8), np.int32)), truth, truth.reachable([START], radius_m=0.2), range_m=10.0
+        MergedMap(np.zeros((0, 8), np.int32)), Pose2(), truth, truth.reachable([START], radius_m=0.2), range_m=10.0
     )
     assert math.isnan(error.median)
 

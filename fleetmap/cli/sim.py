@@ -32,6 +32,13 @@ def sim(
         str, typer.Option(metavar="NAME|MAP.yaml", help="office, maze, unstructured, or a map_server map.")
     ] = "office",
     size: Annotated[float, typer.Option(min=5.0, max=200.0, help="Side of a generated world, metres.")] = 40.0,
+    starts: Annotated[
+        str,
+        typer.Option(
+            metavar="known|unknown",
+            help="unknown: they start anywhere, turned anyhow, and must find where the others are.",
+        ),
+    ] = "known",
     seed: Annotated[int, typer.Option(min=0, help="Of the world, the starts and all noise.")] = 0,
     out: Annotated[Path, typer.Option("--out", metavar="RUN", help="The run folder.")] = Path("RUN"),
     fleet: Annotated[
@@ -66,6 +73,8 @@ def sim(
 
     For instance:  fleetmap sim --robots 4 --world office --size 40 --seed 1 --out RUN
 
+    or, without telling them where they are:  fleetmap sim --starts unknown
+
     or on a real map, and waiting for guests:  fleetmap sim --world map.yaml --hold-s 30
     """
     from fleetmap.model.kernel_cache import modules_of
@@ -78,6 +87,7 @@ def sim(
         robots=robots,
         world=world,
         size_m=size,
+        starts=starts,
         seed=seed,
         hold_s=hold_s,
         fleet=fleet,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from fleetmap.codecs.envelope import VERSION
 from fleetmap.engine import Engine
-from fleetmap.merge.protocol import Frame
+from fleetmap.model.frame import Frame
+from fleetmap.peer.alignments import contradicted_starts, not_merged
 
 MAX_NAMED = 5
 UNKNOWN_REASON = (
@@ -24,8 +25,9 @@ class Problem:
     ----------
     kind : ``disputed``: what a robot has said is contradicted, and nobody can tell who is right; ``fleet``: robots of
         other fleets are there, and none of the own; ``left out``: a map is not in the merged one; ``namesake``: another
-        living peer has the own name; ``router``: robots can't be heard through a router; ``unreachable``: nobody was
-        reached at an endpoint; ``version``: a robot speaks another version of the protocol
+        living peer has the own name; ``not merged``: a robot is there, and where its map lies can't be told yet;
+        ``router``: robots can't be heard through a router; ``start``: a robot lies elsewhere than its start says;
+        ``unreachable``: nobody was reached at an endpoint; ``version``: a robot speaks another version of the protocol
     robot : whom it is about; or the endpoint
     text : what was found, and what to do
     """
@@ -63,6 +65,13 @@ def problems(engine: Engine, left_out: Iterable[tuple[Frame, str]], network: Ite
         whose = "the own map" if robot == engine.robot else f"the map of {robot}"
         rest = f"; and {len(more)} more" if more else ""
         found.append(Problem("left out", robot, f"left out of the merged map: {whose}, {first}{rest}"))
+    found += [
+        Problem("not merged", robot, f"not merged with {robot}: {why}") for robot, why in not_merged(engine).items()
+    ]
+    found += [
+        Problem("start", robot, f"the start of {robot} contradicts the map by {off}; the map is believed")
+        for robot, off in contradicted_starts(engine).items()
+    ]
     return tuple(sorted([*found, *network], key=lambda problem: (problem.kind, problem.robot)))
 
 

@@ -37,6 +37,8 @@ class JoinOptions:
     start : T_fleet_robot, where the robot's map frame lies in the fleet's, up to 17592 km from its origin; None if that
         is unknown; a ``FixedPose`` counts to the last bit. Whether the maps of the others are near is checked when this
         robot publishes
+    start_sigma : how exact the start is: standard deviations along each axis, in metres, and of the yaw, in radians.
+        Where maps that overlap say otherwise, they are believed; with (0, 0) of both robots they aren't asked
     connect, listen : Zenoh endpoints, as ``tcp/10.0.0.2:7447``
     profile : ``lan`` finds peers by multicast and by ``connect``; ``local`` by ``connect`` alone; ``narrow``, for slow
         radios, too, and says as little as it can while nothing changes
@@ -65,6 +67,7 @@ class JoinOptions:
     fleet: str = "default"
     level: str = "0"
     start: Pose2 | FixedPose | None = None
+    start_sigma: tuple[float, float] = (0.03, 0.002)
     connect: Sequence[str] = ()
     listen: Sequence[str] = ()
     profile: str = "lan"
@@ -85,10 +88,22 @@ class JoinOptions:
         """What a robot's map may hold."""
         return Limits(self.max_edges, self.max_edges_in_square)
 
+    @property
+    def start_sigma_micro(self) -> tuple[int, int]:
+        """Whole micrometres and microradians; ConfigError if they are none."""
+        expected = "two numbers: metres and radians, 0 or more, at most 1000"
+        if not isinstance(self.start_sigma, Sequence) or len(self.start_sigma) != 2:
+            raise ConfigError(option="start_sigma", value=self.start_sigma, reason=f"expected {expected}")
+        for sigma in self.start_sigma:
+            check_number("start_sigma", sigma, expected=expected, fits=lambda s: 0 <= s <= 1000)
+        sigma_m, sigma_rad = self.start_sigma
+        return round(sigma_m * 1e6), round(sigma_rad * 1e6)
+
     def __post_init__(self) -> None:
         for option, name in (("robot", self.robot), ("fleet", self.fleet), ("level", self.level)):
             check_name(option, name)
         fixed_pose("start", self.start)
+        _ = self.start_sigma_micro
         # Refuses what can't be, whatever the link.
         zenoh_settings(self.profile, listen=self.listen, connect=self.connect, config=self.config)
         if self.heartbeat_s is not None:

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
+from fleetmap.codecs.facts import FactsStep
 from fleetmap.codecs.names import check_name
 from fleetmap.engine import (
     Alive,
@@ -48,15 +49,27 @@ from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.threads import ProcessEnds, Worker, in_thread, may_be_dropped
 from fleetmap.model.vectormap import VectorMap
+from fleetmap.peer.aligner import Aligner
+from fleetmap.peer.alignments import AlignmentInfo, alignment_infos
 from fleetmap.peer.changes import Change, ChangeQueue, RevisionVector
 from fleetmap.peer.figures import own_figures
 from fleetmap.peer.folder import Folder
 from fleetmap.peer.health import Problem, problems
 from fleetmap.peer.inbox import Inbox
-from fleetmap.peer.info import PeerInfo, TeammateInfo, frame_of, maps_of, peer_infos, teammate_infos
+from fleetmap.peer.info import (
+    PeerInfo,
+    TeammateInfo,
+    frame_of,
+    frame_robot,
+    maps_of,
+    peer_infos,
+    placed_in,
+    teammate_infos,
+)
 from fleetmap.peer.link import Link, Network
 from fleetmap.peer.namesake import answers
 from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose
+from fleetmap.peer.pairs import Snapshot, snapshot
 from fleetmap.peer.profiles import HEARTBEAT_S
 from fleetmap.peer.publisher import GridPublisher
 
@@ -112,6 +125,7 @@ class Peer:
             chain=Chain(seed),
             level=options.level,
             start=fixed_pose("start", options.start),
+            start_sigma=options.start_sigma_micro,
             heartbeat_s=options.heartbeat_s or HEARTBEAT_S[options.profile],
             quota=Quota(options.budget_Bps, options.max_rate_hz),
             ledger=self._ledger,
@@ -120,6 +134,7 @@ class Peer:
         )
         self._publisher = GridPublisher(self._ledger, baselines=options.baselines, robot=robot)
         self._folder = Folder(robot, self._look, interval_s=options.fold_interval_s, clock=clock)
+        self._aligner = Aligner(robot, look=self._look_at_pairs, say=self._say, clock=clock)
         self.stepped, self._steps = asyncio.Condition(), 0
         self._look_due = asyncio.Event()
         self._network = Network(reached=not options.connect)
@@ -160,7 +175,7 @@ class Peer:
             await self._link.show(self._engine.own.life)
             for token in tokens:
                 self._inbox.deliver(Alive(*token))
-            works = (self._pump, self._look_for_tokens, self._look_after, self._folder.run)
+            works = (self._pump, self._look_for_tokens, self._look_after, self._folder.run, self._aligner.run)
             self._tasks = [asyncio.create_task(self._guard(work)) for work in works]
             for task in self._tasks:
                 task.add_done_callback(_look_at)
@@ -319,8 +334,28 @@ class Peer:
     @property
     def T_fleet_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
         """Where the own map frame lies in the fleet's; None while it is unknown."""
-        start = self._engine.own.start
-        return None if start is None else start.to_pose()
+        return placed_in(self._engine).get(self._engine.own.key)
+
+    @property
+    def frame(self) -> str | None:
+        """Whose map frame ``merged`` has, of robots that found each other; None: the fleet's, that of the starts."""
+        return frame_robot(self._engine)
+
+    @property
+    def T_view_fleet(self) -> Pose2:  # noqa: N802 - the field's notation
+        """From the frame of ``merged`` into one that doesn't jump: as the own start has it, or else the own map frame.
+
+        When robots find each other, the frame of ``merged`` may become another one's.
+        """
+        own, placed = self._engine.own, self.T_fleet_robot
+        if placed is None:
+            return Pose2()
+        return (own.start.to_pose() if own.start is not None else Pose2()) @ placed.inverse()
+
+    @property
+    def alignments(self) -> list[AlignmentInfo]:
+        """What was found of each pair of frames, by whichever robot looked: where one lies in the other, or why not."""
+        return alignment_infos(self._engine)
 
     @property
     def peers(self) -> list[PeerInfo]:
@@ -386,6 +421,23 @@ class Peer:
         """Fold all that is held now; ``merged`` is that map afterwards."""
         self._check()
         return await self._folder.refresh()
+
+    async def aligned(self, timeout_s: float = 10.0) -> None:
+        """Wait until this robot has looked at every pair of maps that is its to look at, as they are now.
+
+        Raises
+        ------
+        TimeoutError : there are more than it can look at in that time
+        """
+        self._check()
+        check_number("timeout_s", timeout_s, expected="seconds, 0 or more", fits=lambda s: s >= 0)
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._aligner.idle()
+        except TimeoutError:
+            raise TimeoutError(
+                f"{self.robot}: after {timeout_s} s some pairs of maps are still to be looked at"
+            ) from None
 
     async def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
         """Wait until all that living peers hold now is held here, too; returns the merged map of it.
@@ -462,7 +514,7 @@ class Peer:
                 self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
             )
         except NoPath as error:
-            if view(self._engine).revisions == self._folder.revisions:
+            if self._folder.is_of(view(self._engine)):
                 raise
             reason = f"{error.reason}; maps have changed since these were merged: call refresh(), and plan again"
             raise NoPath(status=error.status, reason=reason) from None
@@ -508,6 +560,12 @@ class Peer:
 
     async def _look(self) -> View:
         return await self._read(partial(view, self._engine))
+
+    async def _look_at_pairs(self) -> Snapshot:
+        return await self._read(partial(snapshot, self._engine))
+
+    async def _say(self, step: FactsStep) -> None:
+        await self._run(self._engine.say, step)
 
     async def _run_publish(self, anchor: FixedPose, supersedes: bool, submap: str, vector_map: VectorMap) -> bool:
         return await self._run(

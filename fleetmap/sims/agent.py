@@ -46,7 +46,7 @@ class Agent:
     Parameters
     ----------
     robot : the body with its map
-    T_fleet_robot : of its map frame
+    T_fleet_robot : of its map frame, as far as it is known; the identity until then
     explorer : makes the choices
     """
 
@@ -65,6 +65,18 @@ class Agent:
     def pose(self) -> Pose2:
         """Where the robot takes itself to be, in the fleet frame."""
         return self.T_fleet_robot @ self.robot.believed
+
+    def find_itself(self, T_fleet_robot: Pose2) -> None:
+        """Note where the own map frame lies in the fleet's; what is remembered of places moves with it."""
+        moved = T_fleet_robot @ self.T_fleet_robot.inverse()
+        if T_fleet_robot == self.T_fleet_robot:
+            return
+        self.T_fleet_robot = T_fleet_robot
+        self.explorer.moved(moved)
+        if self.goal_xy is not None:
+            x, y = moved.apply(self.goal_xy)
+            self.goal_xy = float(x), float(y)
+        self._think_at_s = self.now_s
 
     @property
     def idle(self) -> bool:

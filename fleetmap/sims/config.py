@@ -25,7 +25,8 @@ class SimConfig:
     world : ``maze``, ``office``, ``unstructured``, or a map_server yaml file
     size_m : side of a generated world
     seed : of the world, the starts and all noise
-    starts : ``known``: each robot knows where its map frame lies in the fleet's
+    starts : ``known``: each robot knows where its map frame lies in the fleet's, and they start in one place;
+        ``unknown``: none does, and they start anywhere
     hold_s : how long the robots stay joined after they have converged
     range_m, beams, range_noise_m : the lidar
     pose_noise_m : sigma of the believed pose, white, per scan
@@ -61,7 +62,7 @@ class SimConfig:
                 raise ConfigError(option=option, value=getattr(self, option), reason=reason)
 
         need("robots", 1 <= self.robots <= 50, "expected 1 to 50")
-        need("starts", self.starts == "known", "expected known")
+        need("starts", self.starts in ("known", "unknown"), "expected known or unknown")
         need("seed", self.seed >= 0, "expected 0 or more")
         need("hold_s", 0.0 <= self.hold_s <= 86400.0, "expected 0 to 86400 s")
         need("range_m", 1.0 <= self.range_m <= 100.0, "expected 1 to 100 m")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from fleetmap.model.pose import Pose2
 from fleetmap.sims.frontiers import Frontier, find_frontiers
 from fleetmap.sims.view import View
 
@@ -135,6 +136,12 @@ class Explorer:
             if math.dist(old[:2], xy) < BLACKLIST_M:
                 count = max(count, old[3] + 1)
         self._failures.append((*xy, now_s + BLACKLIST_S * 2 ** (count - 1), count))
+
+    def moved(self, T_new_old: Pose2) -> None:
+        """The fleet's frame is another one from now on."""
+        places = [T_new_old.apply(old[:2]).tolist() for old in self._failures]
+        self._failures = [(x, y, *old[2:]) for (x, y), old in zip(places, self._failures, strict=True)]
+        self._mates = {}
 
     def blacklisted(self, xy: tuple[float, float], *, now_s: float) -> bool:
         """Whether a place is left out now."""

@@ -101,7 +101,8 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None], besid
     _keep_world(config)
     world = make_world(config.world, size_m=config.size_m, seed=config.seed)
     rng = np.random.default_rng([config.seed, 1])
-    starts = choose_starts(world, config.robots, radius_m=config.radius_m, rng=rng)
+    together = config.starts == "known"
+    starts = choose_starts(world, config.robots, radius_m=config.radius_m, rng=rng, together=together)
     run = Run(config, world, starts, world.reachable(starts, radius_m=config.radius_m))
     (config.out / "logs").mkdir(parents=True, exist_ok=True)
     # If this run is interrupted, figures and logs of an earlier one must not pass for its own.
@@ -139,6 +140,7 @@ async def _run(config: SimConfig, on_progress: Callable[[Progress], None], besid
             written = await crew.ask(lambda member: {"write": str(folder / f"{member.robot}.fmap")})
             run.stats = {robot: dict(a["stats"]) for robot, a in written.items()}  # type: ignore[call-overload]
             run.maps = {robot: folder / f"{robot}.fmap" for robot in written}
+            run.frames = {robot: str(a["frame"]) for robot, a in written.items() if a["frame"] is not None}
             tell("reporting")
             document = await asyncio.to_thread(write_outcome, run, crew.deaths)
             if config.hold_s > 0:
@@ -181,6 +183,7 @@ async def _start(run: Run, crew: Crew, scratch: Path, meeting: Meeting) -> None:
             "speed_mps": config.speed_mps,
             "world": str(scratch / "world.npz"),
             "start": [start.x_m, start.y_m, start.yaw_rad],
+            "known": config.starts == "known",
             "fleet": run.fleet,
             "endpoint": meeting.connect,
             "listen": meeting.robots_listen,

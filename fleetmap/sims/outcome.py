@@ -20,6 +20,7 @@ from fleetmap.accounting import (
 )
 from fleetmap.model.lattice import FREE
 from fleetmap.model.mergedmap import MergedMap
+from fleetmap.model.pose import Pose2
 from fleetmap.report import Chart, Curve, Report, Trail, colour, draw_map, write_report
 from fleetmap.sims.config import HEARTBEAT_S, Death, RobotProgress
 from fleetmap.sims.run import Run
@@ -50,8 +51,8 @@ def write_outcome(run: Run, deaths: list[Death]) -> dict[str, object]:
     out = run.config.out
     maps = {robot: as_merged(load_fmap(path)) for robot, path in run.maps.items()}
     # Peers that hold the same map need to be looked at once.
-    distinct = {merged.digest: merged for merged in maps.values()}
-    shown = next(iter(distinct.values()), MergedMap(np.zeros((0, 8), np.int32)))
+    distinct = {merged.digest: (merged, run.T_world_merged(robot)) for robot, merged in maps.items()}
+    shown, T_world_shown = next(iter(distinct.values()), (MergedMap(np.zeros((0, 8), np.int32)), Pose2()))
     grid = shown.to_grid() if len(shown) else None
     explored_m2 = 0.0 if grid is None else int((grid.states_yx() == FREE).sum()) * grid.resolution_m**2
     document = figures(run, deaths, list(distinct.values()), explored_m2=explored_m2)
@@ -59,7 +60,7 @@ def write_outcome(run: Run, deaths: list[Death]) -> dict[str, object]:
     if grid is not None:
         save_map(grid, out / "map.yaml")
     (out / "stats.json").write_text(json.dumps(document, indent=1, allow_nan=False, default=str) + "\n")
-    report = make_report(run, deaths, shown, document)
+    report = make_report(run, deaths, shown, T_world_shown, document)
     draw_map(shown, report.trails).save(out / "map.png")
     write_report(report, out / "report.html")
     return document
@@ -72,20 +73,28 @@ def as_merged(loaded: object) -> MergedMap:
     return loaded
 
 
-def figures(run: Run, deaths: list[Death], maps: list[MergedMap], *, explored_m2: float) -> dict[str, object]:
-    """All numbers of a run; the worst living peer counts where they differ. ``explored_m2``: free in the merged map."""
+def figures(
+    run: Run, deaths: list[Death], maps: list[tuple[MergedMap, Pose2]], *, explored_m2: float
+) -> dict[str, object]:
+    """All numbers of a run; the worst living peer counts where they differ.
+
+    Parameters
+    ----------
+    maps : what the living peers hold, and where its frame really lies in the world
+    explored_m2 : free in the merged map
+    """
     config = run.config
     sizes = [sent(run, robot) for robot in run.latest]
     fleet = together(comparison(run, robot, run.latest[robot], at_end=True) for robot in run.latest)
     totals = {key: sum(size[key] for size in sizes) for key in BYTES}
-    errors = [map_error(m, run.world, run.reachable, range_m=config.range_m) for m in maps]
+    errors = [map_error(m, pose, run.world, run.reachable, range_m=config.range_m) for m, pose in maps]
     worst = max(errors, key=lambda e: -1.0 if math.isnan(e.p95) else e.p95, default=None)
     error = {} if worst is None else {k: None if math.isnan(v) else round(v, 4) for k, v in asdict(worst).items()}
     digests = sorted({str(answer["digest"]) for answer in run.sync.values()})
     return {
         "robots": len(run.latest),
         "components": components(run),
-        "covered": round(min((covered(m, run.world, run.reachable) for m in maps), default=0.0), 5),
+        "covered": round(min((covered(m, pose, run.world, run.reachable) for m, pose in maps), default=0.0), 5),
         "converged": run.converged,
         "finished": run.finished,
         "digest": digests[0] if run.converged else None,
@@ -109,7 +118,7 @@ def figures(run: Run, deaths: list[Death], maps: list[MergedMap], *, explored_m2
         "wire_bytes_per_m2": per(fleet.wire.total, explored_m2),
         "wire_bytes_per_s_robot": per(fleet.wire.total, fleet.time_s),
         "wire": fleet.wire._asdict(),
-        "merged_edges": max((len(m) for m in maps), default=0),
+        "merged_edges": max((len(m) for m, _ in maps), default=0),
         "dead": [asdict(death) for death in deaths],
         "per_robot": [robot_figures(run, robot) for robot in run.latest],
         "fleet": run.fleet,
@@ -184,12 +193,16 @@ def per(size_bytes: int, of: float) -> float | None:
     return round(size_bytes / of, 2) if of > 0 else None
 
 
-def make_report(run: Run, deaths: list[Death], shown: MergedMap, document: dict[str, object]) -> Report:
-    """What the report shows of a run."""
+def make_report(
+    run: Run, deaths: list[Death], shown: MergedMap, T_world_shown: Pose2, document: dict[str, object]
+) -> Report:
+    """What the report shows of a run, in the frame of the merged map that is ``shown``."""
+    T_shown_world = T_world_shown.inverse()
     times = [max(p.t_s for p in row.values()) for row in run.series]
     robots = list(run.latest)
     trails = tuple(
-        Trail(robot, trail(run, robot), dead=any(death.robot == robot for death in deaths)) for robot in robots
+        Trail(robot, trail(run, robot, T_shown_world), dead=any(death.robot == robot for death in deaths))
+        for robot in robots
     )
     coverage = Chart(
         "Coverage over time",
@@ -308,8 +321,8 @@ def kilobytes(run: Run, key: str) -> Iterable[float]:
     return [sum(int(getattr(p, key)) for p in row.values()) / 1e3 for row in run.series]
 
 
-def trail(run: Run, robot: str) -> tuple[tuple[float, float], ...]:
-    """Where a robot went, from its start."""
+def trail(run: Run, robot: str, T_shown_world: Pose2) -> tuple[tuple[float, float], ...]:
+    """Where a robot went, from its start, in the frame of the map that is shown."""
     start = run.starts[list(run.latest).index(robot)]
     points = [(start.x_m, start.y_m)]
     before = None
@@ -317,7 +330,7 @@ def trail(run: Run, robot: str) -> tuple[tuple[float, float], ...]:
         if row[robot].t_s != before:  # a dead robot's last row stays
             points += [(float(x), float(y)) for x, y in row[robot].trail_xy]
         before = row[robot].t_s
-    return tuple(points)
+    return tuple((float(x), float(y)) for x, y in T_shown_world.apply(points))
 
 
 def fixed(value: object, digits: int, factor: float = 1.0) -> str:

@@ -33,6 +33,9 @@ from fleetmap.sims.worlds import World
 GOAL_NEWS_M = 0.75
 """A goal nearer than this to the announced one is no news: half of what counts as the same place."""
 
+ALIGN_S = 60.0
+"""So long a round waits for what is found of where the others are: simulated time runs faster than that is found."""
+
 EXIT_GRACE_S = 5.0
 """After the parent is gone, a process that has not ended by itself in this time is ended."""
 
@@ -61,12 +64,15 @@ class Child:
             pose_noise_m=float(str(order["pose_noise_m"])),
         )
         self.robot = Robot(world, start, lidar, drive, rng)
-        # The starts are known: the fleet's frame is the world's.
-        self.agent = Agent(self.robot, T_fleet_robot=start, explorer=Explorer(self.name))
+        # Where the starts are known, the fleet's frame is the world's.
+        known, self._T_world_robot = bool(order["known"]), start
+        self.agent = Agent(self.robot, T_fleet_robot=start if known else Pose2(), explorer=Explorer(self.name))
         self.peer: Peer = join(
             self.name,
             fleet=str(order["fleet"]),
-            start=start,
+            start=start if known else None,
+            # What the robots know of their starts is exact.
+            start_sigma=(0.0, 0.0),
             connect=[str(order["endpoint"])],
             listen=[str(order["listen"])],
             profile="local",
@@ -94,6 +100,7 @@ class Child:
 
     async def go(self, until_s: float) -> dict[str, object]:
         """Explore until ``until_s`` of simulated time, publishing when it is time to."""
+        await self.peer.aligned(ALIGN_S)
         await self.take_in()
         while self.agent.now_s < until_s - 1e-6:
             await asyncio.to_thread(self.agent.advance, until_s)
@@ -114,6 +121,7 @@ class Child:
     async def take_in(self) -> None:
         """The merged map and the teammates, as they are now."""
         merged = await self.peer.refresh()
+        self.agent.find_itself(self.peer.T_fleet_robot or Pose2())
         mates = [
             Teammate(mate.robot, (mate.pose.x_m, mate.pose.y_m), mate.goal_xy)
             for mate in self.peer.teammates(frame="fleet")
@@ -162,7 +170,8 @@ class Child:
         view = self.agent.view
         if view is None:
             return 0.0
-        cells = np.floor(self._sample_xy[:, ::-1] / view.resolution_m).astype(int) - view.low_yx
+        sample_xy = (self.agent.T_fleet_robot @ self._T_world_robot.inverse()).apply(self._sample_xy)
+        cells = np.floor(sample_xy[:, ::-1] / view.resolution_m).astype(int) - view.low_yx
         inside = ((cells >= 0) & (cells < view.states_yx.shape)).all(axis=1)
         cells = cells[inside]
         return float((view.states_yx[cells[:, 0], cells[:, 1]] == FREE).sum() / len(self._sample_xy))
@@ -170,6 +179,7 @@ class Child:
     async def sync(self, timeout_s: float) -> dict[str, object]:
         """The merged map of all that living peers hold, as digest and revisions; what is missing if it takes long."""
         try:
+            await self.peer.aligned(timeout_s)
             merged = await self.peer.synced(timeout_s)
         except TimeoutError as error:
             return {"digest": "", "revisions": [], "missing": str(error)}
@@ -181,7 +191,7 @@ class Child:
         from fleetmap.codecs.fmap import save_fmap
 
         await asyncio.to_thread(save_fmap, self.peer.merged, path)
-        return {"edges": len(self.peer.merged), "stats": self.peer.stats().to_json()}
+        return {"edges": len(self.peer.merged), "frame": self.peer.frame, "stats": self.peer.stats().to_json()}
 
 
 async def serve(name: str) -> None:

@@ -39,4 +39,11 @@ class Run:
     """Robot -> its peer's statistics at the end."""
     maps: dict[str, Path] = field(default_factory=dict)
     """Robot -> its merged map."""
+    frames: dict[str, str] = field(default_factory=dict)
+    """Robot -> whose map frame that has; none where it is the world's."""
     duration_s: float = 0.0
+
+    def T_world_merged(self, robot: str) -> Pose2:  # noqa: N802 - the field's notation
+        """Where the frame of a robot's merged map really lies: a robot's map frame begins where it started."""
+        frame = self.frames.get(robot)
+        return Pose2() if frame is None else self.starts[list(self.latest).index(frame)]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fleetmap.model.lattice import FREE
 from fleetmap.model.mergedmap import FLEET_UM, MergedMap
+from fleetmap.model.pose import Pose2
 from fleetmap.sims.worlds import World
 
 LOOKOUT_M = 0.8
@@ -31,11 +32,11 @@ class MapError:
     map_to_truth_p95: float
 
 
-def covered(merged: MergedMap, world: World, reachable: NDArray[np.bool_]) -> float:
-    """Share of the reachable cells whose centre is free in the merged map (fleet frame = world frame)."""
+def covered(merged: MergedMap, T_world_merged: Pose2, world: World, reachable: NDArray[np.bool_]) -> float:
+    """Share of the reachable cells whose centre is free in the merged map."""
     step_m = FLEET_UM / 1e6
     grid = merged.to_grid(max(1, round(world.resolution_m / step_m)) * step_m if world.resolution_m < 0.05 else None)
-    xy = world.centres_xy(np.argwhere(reachable))
+    xy = T_world_merged.inverse().apply(world.centres_xy(np.argwhere(reachable)))
     cells = np.floor(grid.origin.inverse().apply(xy)[:, ::-1] / grid.resolution_m).astype(np.int64)
     inside = ((cells >= 0) & (cells < grid.cells_yx.shape)).all(axis=1)
     cells = cells[inside]
@@ -43,14 +44,16 @@ def covered(merged: MergedMap, world: World, reachable: NDArray[np.bool_]) -> fl
     return float((states[cells[:, 0], cells[:, 1]] == FREE).sum() / max(1, len(xy)))
 
 
-def map_error(merged: MergedMap, world: World, reachable: NDArray[np.bool_], *, range_m: float) -> MapError:
+def map_error(
+    merged: MergedMap, T_world_merged: Pose2, world: World, reachable: NDArray[np.bool_], *, range_m: float
+) -> MapError:
     """True walls that a robot could see against merged obstacle edges, and merged edges against all true walls.
 
     ``median`` and ``p95`` are of the worse direction. NaN when there is nothing to compare.
     """
     import shapely
 
-    edges = merged.segments_xy[merged.obstacle]
+    edges = T_world_merged.apply(merged.segments_xy[merged.obstacle])
     every, seen = wall_cracks(world), wall_cracks(world, visible_solid(world, reachable, range_m=range_m))
     if not len(edges) or not len(seen):
         return MapError(*[math.nan] * 6)

@@ -121,10 +121,13 @@ def make_world(name: str, *, size_m: float = 40.0, seed: int = 0) -> World:
     return World(solid, grid.resolution_m, origin, name)
 
 
-def choose_starts(world: World, count: int, *, radius_m: float, rng: np.random.Generator) -> list[Pose2]:
+def choose_starts(
+    world: World, count: int, *, radius_m: float, rng: np.random.Generator, together: bool = True
+) -> list[Pose2]:
     """Start poses near each other, as a fleet is unloaded in one place, in the largest space for the robot.
 
-    Yaws are random. Raises ``ConfigError`` if there is no room for ``count`` robots.
+    Or anywhere in it, if not ``together``. Yaws are random. Raises ``ConfigError`` if there is no room for ``count``
+    robots.
     """
     from scipy import ndimage
 
@@ -137,7 +140,7 @@ def choose_starts(world: World, count: int, *, radius_m: float, rng: np.random.G
     room = np.argwhere(labels == largest)
     first = room[rng.integers(len(room))]
     cost = cost_field((labels == largest).astype(np.uint8), int(first[0]), int(first[1]))
-    order = room[np.argsort(cost[room[:, 0], room[:, 1]], kind="stable")]
+    order = room[np.argsort(cost[room[:, 0], room[:, 1]], kind="stable")] if together else rng.permutation(room)
     gap = START_GAP_M / world.resolution_m
     chosen: list[NDArray[np.int64]] = []
     for cell in order:

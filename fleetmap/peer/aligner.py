@@ -1,0 +1,95 @@
+"""Looks at pairs of maps, one after the other, in a thread that nobody waits for, and says what it finds."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from functools import partial
+
+from fleetmap.align.protocol import Alignment
+from fleetmap.codecs.facts import FactsStep
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.threads import in_thread
+from fleetmap.peer.pairs import Job, Pairs, Snapshot
+
+logger = logging.getLogger(__name__)
+
+LOOK_S = 0.5
+"""Between two looks for a pair that is due, while none is."""
+LEAST_REST_S = 0.01
+SHARE = 3.0
+"""After a job that took t it rests for so many times t: it takes at most a quarter of a core."""
+
+
+class Aligner:
+    """The worker of one peer.
+
+    Parameters
+    ----------
+    robot : whose, for the log
+    look : gives what is known now
+    say : says facts
+    clock : seconds, only ever growing
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        *,
+        look: Callable[[], Awaitable[Snapshot]],
+        say: Callable[[FactsStep], Awaitable[object]],
+        clock: Callable[[], float],
+    ) -> None:
+        self._robot, self._look, self._say, self._clock = robot, look, say, clock
+        self.pairs = Pairs()
+        self._wake, self._waiting = asyncio.Event(), list[asyncio.Future[None]]()
+
+    async def idle(self) -> None:
+        """Wait until no pair is due; meanwhile it doesn't rest between two jobs."""
+        found = asyncio.get_running_loop().create_future()
+        self._waiting.append(found)
+        self._wake.set()
+        await found
+
+    async def run(self) -> None:
+        """Work for ever."""
+        while True:
+            waiting, self._waiting = self._waiting, []
+            job = self.pairs.next(await self._look())
+            if job is None:
+                for found in waiting:
+                    if not found.done():
+                        found.set_result(None)
+                await self._rest(LOOK_S)
+                continue
+            self._waiting = waiting + self._waiting
+            began_s = self._clock()
+            result = await in_thread(partial(work, job))
+            took_s = self._clock() - began_s
+            logger.debug("%s: %s and %s: %s", self._robot, job.a.frame, job.b.frame, result.text)
+            step = self.pairs.found(job, result)
+            if step:
+                try:
+                    await self._say(step)
+                except ConfigError as error:  # no room for it: it is looked at again when it has grown
+                    logger.warning("%s: an alignment isn't said: %s", self._robot, error)
+            await self._rest(SHARE * took_s)
+
+    async def _rest(self, rest_s: float) -> None:
+        """For so long, or until somebody waits."""
+        if not self._waiting:
+            self._wake.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(max(rest_s, LEAST_REST_S)):
+                    await self._wake.wait()
+
+
+def work(job: Job) -> Alignment:
+    """Look at one pair."""
+    from fleetmap.align.align import align_walls, check
+    from fleetmap.align.walls import walls_of
+
+    a, b = walls_of(job.a.vector_map), walls_of(job.b.vector_map)
+    return align_walls(a, b, job.prior) if job.known is None else check(a, b, job.known.to_pose())

@@ -1,0 +1,311 @@
+"""Which pairs of frames a peer looks at, when again, and what it says of them: no thread, no clock.
+
+A pair is looked at by one of its two robots, the one with the smaller name; if the other one isn't there, by the one
+that is. Who is the other one of the pair, or else the smallest name that is there, looks at what was found, and says
+whether it holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from fleetmap.align.protocol import Alignment, Prior
+from fleetmap.codecs.facts import (
+    About,
+    AlignmentFact,
+    FactsStep,
+    Verdict,
+    drop_alignment,
+    set_alignment,
+    set_verdict,
+)
+from fleetmap.engine import Engine
+from fleetmap.engine.alignments import SAME_COS_Q30, SAME_UM, Said, near
+from fleetmap.engine.stream import Key, Stream
+from fleetmap.model.errors import ConfigError
+from fleetmap.model.frame import Frame
+from fleetmap.model.pose import FixedPose
+from fleetmap.model.vectormap import VectorMap
+from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of
+
+LEAST_WALL_M = 5.0
+"""A map with less wall is looked at with nobody."""
+GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
+"""A pair is looked at again when either map has so many times as much wall."""
+GAINED, GAINED_M = 1.2, 10.0
+"""What was found is true when it is found again after what both have has grown so much, or by so much wall."""
+CERTAIN_M, CERTAIN_RIVAL = 40.0, 0.2
+"""So much wall, where the next best place explains so little of it, is enough the first time."""
+LOOK_ANEW = 2.0
+"""A place that is known is looked up, and others aren't looked at, until so many times as much wall is explained."""
+MOVED_M = 0.03
+"""A place that is found again is said anew if it has moved so far, anywhere in what both have."""
+AGREES_M = 0.05
+"""A start that is off by no more, or by no more than four standard deviations, says as much as an alignment could."""
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One map of a pair, as it was when it was looked at."""
+
+    frame: Frame
+    vector_map: VectorMap
+    wall_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Something to look at.
+
+    Parameters
+    ----------
+    a, b : the maps; what is found is where b lies in a
+    prior : about where that may be
+    known : the place that was found before, if only that is to be looked at
+    about : whose alignment is looked at, of another robot; None: an own one is to be found
+    """
+
+    a: Side
+    b: Side
+    prior: Prior | None = None
+    known: FixedPose | None = None
+    about: About | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """What is known now.
+
+    Parameters
+    ----------
+    own : what this robot says
+    streams : all that are merged if they can be placed, without the own one
+    said : the alignments of all
+    there : the streams of robots that are there
+    """
+
+    own: Stream
+    streams: Sequence[Stream]
+    said: Sequence[Said]
+    there: frozenset[Key]
+
+
+def snapshot(engine: Engine) -> Snapshot:
+    """What an engine knows now."""
+    own, streams = engine.own, [s for s in engine.placed_streams() if s.key != engine.own.key]
+    there = frozenset(stream.key for stream in streams if engine.is_there(stream.key))
+    return Snapshot(own, streams, engine.components().said, there)
+
+
+@dataclass(slots=True)
+class Look:
+    """The last look at a pair.
+
+    Parameters
+    ----------
+    walls_m : of both maps then
+    fact : what was said of it; None: nothing
+    first_m : how much wall was explained when the place was found first
+    whole_m : and when all places were looked at last
+    """
+
+    walls_m: tuple[float, float]
+    fact: AlignmentFact | None = None
+    first_m: float = 0.0
+    whole_m: float = 0.0
+
+
+@dataclass(slots=True)
+class Pairs:
+    """The pairs of one peer, and what was found of them."""
+
+    looks: dict[tuple[Frame, Frame], Look] = field(default_factory=dict)
+    verdicts: dict[About, tuple[Verdict, tuple[float, float]]] = field(default_factory=dict)
+
+    def next(self, now: Snapshot) -> Job | None:
+        """What is to be looked at next: words of others first, then the pair that has grown most since."""
+        return self._to_confirm(now) or self._to_find(now)
+
+    def _to_confirm(self, now: Snapshot) -> Job | None:
+        streams = {stream.key: stream for stream in (*now.streams, now.own)}
+        for said in now.said:
+            if said.fact.outcome != "committed" or not self._is_judge(said, now):
+                continue
+            author, other = streams.get(said.author), streams.get(said.other)
+            a, b = _side(author, said.fact.submap), _side(other, said.fact.other[2])
+            if a is None or b is None:
+                continue
+            about = *said.author, said.fact.subject
+            last = self.verdicts.get(about)
+            same = last is not None and near(
+                last[0].T_own_other, said.fact.T_own_other, said.fact.middle_um, SAME_UM // 2, SAME_COS_Q30
+            )
+            if last is None or not same or _growth(last[1], (a, b)) >= GROWN:
+                return Job(a, b, known=said.fact.T_own_other, about=about)
+        return None
+
+    def _is_judge(self, said: Said, now: Snapshot) -> bool:
+        me, author, other = now.own.robot, said.author[0], said.other[0]
+        if me == author:
+            return False
+        there = {robot for robot, _ in now.there} | {me}
+        return me == (other if other in there and other != author else min(there - {author}))
+
+    def _to_find(self, now: Snapshot) -> Job | None:
+        due = []
+        for stream in now.streams:
+            if (
+                stream.level != now.own.level
+                or exact(now.own, stream)
+                or (stream.key in now.there and stream.robot < now.own.robot)
+            ):
+                continue
+            for name in sorted(now.own.submaps):
+                for theirs in sorted(stream.submaps):
+                    sides = _side(now.own, name), _side(stream, theirs)
+                    if sides[0] is not None and sides[1] is not None:
+                        due.append((self._urgency(sides[0], sides[1]), sides[0], sides[1], stream))
+        due = [each for each in due if each[0] > 1]
+        if not due:
+            return None
+        _, a, b, stream = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
+        look = self.looks.get((a.frame, b.frame))
+        known = None
+        if look is not None and look.fact is not None and look.fact.outcome == "committed":
+            explained_m = look.fact.weight.explained / 1e3
+            known = look.fact.T_own_other if explained_m < LOOK_ANEW * look.whole_m else None
+        prior = prior_of(now.own, a.frame[2], stream, b.frame[2])
+        return Job(a, b, prior, known if prior is None else None)
+
+    def _urgency(self, a: Side, b: Side) -> float:
+        """More than 1: the pair is to be looked at."""
+        look = self.looks.get((a.frame, b.frame))
+        if look is None:
+            return float("inf")
+        kept = look.fact is not None and look.fact.outcome in ("committed", "provisional")
+        return _growth(look.walls_m, (a, b)) / (GROWN if kept else GROWN_AFTER_REFUSAL)
+
+    def found(self, job: Job, result: Alignment) -> FactsStep:
+        """Note what was found, and what is to be said of it; nothing if that is said already."""
+        walls_m = job.a.wall_m, job.b.wall_m
+        if job.about is not None:
+            assert job.known is not None
+            holds = result.outcome == "committed" and _is_at(result, job.known, SAME_UM)
+            explained_mm = round(result.evidence.explained_m * 1e3) if holds and result.evidence else 0
+            last, verdict = self.verdicts.get(job.about), Verdict(job.about, job.known, explained_mm)
+            if last is not None and _judges_as_much(last[0], verdict):
+                verdict = last[0]
+            self.verdicts[job.about] = verdict, walls_m
+            return set_verdict(verdict)
+        return self._found(job, result, walls_m)
+
+    def _found(self, job: Job, result: Alignment, walls_m: tuple[float, float]) -> FactsStep:
+        pair = job.a.frame, job.b.frame
+        look = self.looks.setdefault(pair, Look(walls_m))
+        if job.known is not None and result.outcome != "committed":
+            # Where it was it isn't any more: all other places are looked at, with the next job.
+            look.walls_m, look.whole_m = (0.0, 0.0), 0.0
+            return {}
+        look.walls_m = walls_m
+        explained_m = result.evidence.explained_m if result.evidence else 0.0
+        if job.known is None:
+            look.whole_m = explained_m
+        before = look.fact
+        outcome = self._outcome(job, result, look, explained_m)
+        if outcome is None:
+            look.fact = None
+            return drop_alignment(job.a.frame[2], job.b.frame) if before is not None else {}
+        after = as_fact(job.a.frame[2], job.b.frame, result, outcome)
+        if before is not None and _says_as_much(before, after):
+            return {}
+        look.fact = after
+        return set_alignment(after)
+
+    def _outcome(self, job: Job, result: Alignment, look: Look, explained_m: float) -> str | None:
+        """What is said; None: nothing."""
+        if job.prior is not None:
+            # A start: only one that the maps contradict is worth a word.
+            off_m, sigma_m = moved_m(result, job.prior.T_a_b)
+            return "committed" if result.outcome == "committed" and off_m > max(AGREES_M, 4 * sigma_m) else None
+        if result.outcome != "committed" or result.T_a_b is None:
+            look.first_m = 0.0
+            return result.outcome
+        before = look.fact
+        again = (
+            before is not None
+            and before.outcome in ("provisional", "committed")
+            and near(
+                FixedPose.from_pose(result.T_a_b), before.T_own_other, _middle_um(result), 3 * SAME_UM, SAME_COS_Q30
+            )
+        )
+        if not again:
+            look.first_m = explained_m
+        second_m = result.second.explained_m if result.second else 0.0
+        certain = explained_m >= CERTAIN_M and second_m <= CERTAIN_RIVAL * explained_m
+        grown = again and explained_m >= min(GAINED * look.first_m, look.first_m + GAINED_M)
+        was = again and before is not None and before.outcome == "committed"
+        return "committed" if certain or grown or was else "provisional"
+
+
+def _says_as_much(before: AlignmentFact, after: AlignmentFact) -> bool:
+    """Whether another fact isn't worth its bytes."""
+    if before.outcome != after.outcome:
+        return False
+    one, other = sorted((before.weight.explained, after.weight.explained))
+    if other > 1.5 * one + 1000:
+        return False
+    if after.outcome not in ("committed", "provisional"):
+        return True
+    try:
+        off = after.T_own_other @ before.T_own_other.inverse()
+        x, y = off.apply_um(*after.middle_um)
+    except ConfigError:
+        return False
+    return max(abs(x - after.middle_um[0]), abs(y - after.middle_um[1])) < MOVED_M * 1e6
+
+
+def _judges_as_much(before: Verdict, after: Verdict) -> bool:
+    """Whether another verdict isn't worth its bytes."""
+    one, other = sorted((before.explained_mm, after.explained_mm))
+    return before.T_own_other == after.T_own_other and (one > 0) == (other > 0) and other <= 1.5 * one + 1000
+
+
+def _is_at(result: Alignment, place: FixedPose, most_um: int) -> bool:
+    """Whether that is about where it was found."""
+    if result.T_a_b is None:
+        return False
+    return near(FixedPose.from_pose(result.T_a_b), place, _middle_um(result), most_um, SAME_COS_Q30)
+
+
+def _middle_um(result: Alignment) -> tuple[int, int]:
+    x, y = result.middle_xy
+    return round(x * 1e6), round(y * 1e6)
+
+
+def _side(stream: Stream | None, submap: str) -> Side | None:
+    """A map that is worth a look."""
+    vector_map = None if stream is None else stream.submaps.get(submap)
+    if stream is None or vector_map is None:
+        return None
+    wall_m = wall_of(vector_map)
+    return Side((stream.robot, stream.life, submap), vector_map, wall_m) if wall_m >= LEAST_WALL_M else None
+
+
+def _growth(before_m: tuple[float, float], sides: tuple[Side, Side]) -> float:
+    """How many times as much wall the map has that has grown more."""
+    return max(side.wall_m / max(wall_m, 1e-3) for wall_m, side in zip(before_m, sides, strict=True))
+
+
+_walls_m: WeakKeyDictionary[VectorMap, float] = WeakKeyDictionary()
+
+
+def wall_of(vector_map: VectorMap) -> float:
+    """Metres of obstacle edges."""
+    if vector_map not in _walls_m:
+        segments = vector_map.segments_xy[vector_map.obstacle]
+        _walls_m[vector_map] = float(np.hypot(*np.moveaxis(segments[:, 1] - segments[:, 0], -1, 0)).sum())
+    return _walls_m[vector_map]
