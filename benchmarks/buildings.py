@@ -15,6 +15,7 @@ Kinds:
 - ``rooms``: a corridor with identical rooms, of which each robot has seen some
 - ``corridor``: a long corridor with few doors, of which each robot has seen a part
 - ``bent``: as ``same``, the second map bent by 0.03 degrees a metre and 0.3 % too large
+- ``visits``: as ``same``, at two times: boxes and chairs stand where they didn't, one to each 8 to 60 m2 of floor
 
     python benchmarks/buildings.py [--each 3] [--out DIR]
 
@@ -79,8 +80,9 @@ def make_pair(kind: str, seed: int) -> Pair:
     solid, other, low, high, most = KINDS[kind](rng)
     seen_a, seen_b = views(solid, other, low, high, rng, most=most)
     T_world_a, T_world_b = random_pose(rng, solid.shape), random_pose(rng, other.shape)
-    a = sample(solid, seen_a, T_world_a, rng, bent=False)
-    b = sample(other, seen_b, T_world_b, rng, bent=kind == "bent")
+    floors = (clutter(solid, rng), clutter(other, rng)) if kind == "visits" else (solid, other)
+    a = sample(floors[0], seen_a, T_world_a, rng, bent=False)
+    b = sample(floors[1], seen_b, T_world_b, rng, bent=kind == "bent")
     if other is not solid:
         return Pair(kind, seed, a, b, None, 0.0, np.zeros((0, 2)))
     both = seen_a & seen_b & ~solid
@@ -154,6 +156,21 @@ def corridor(rng: np.random.Generator) -> Made:
     return floor, floor, 0.15, 0.8, 0.5
 
 
+def clutter(solid: Mask, rng: np.random.Generator) -> Mask:
+    """The floor with boxes and chairs on it, of which only legs are seen."""
+    floor = solid.copy()
+    free = np.argwhere(~solid)
+    each_m2 = math.exp(rng.uniform(math.log(8), math.log(60)))
+    for row, column in free[rng.integers(len(free), size=int(len(free) * CELL_M**2 / each_m2))]:
+        if rng.random() < 0.5:
+            height, width = rng.integers(4, 16, 2)
+            floor[row : row + height, column : column + width] = True
+        else:
+            for y, x in ((0, 0), (0, 8), (8, 0), (8, 8)):
+                floor[row + y : row + y + 1, column + x : column + x + 1] = True
+    return floor
+
+
 KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "same": one(0.25, 1.0),
     "little": one(0.15, 0.25),
@@ -164,6 +181,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "rooms": rooms,
     "corridor": corridor,
     "bent": one(0.25, 1.0),
+    "visits": one(0.25, 1.0),
 }
 WITHOUT_TRUTH = ("different", "mirrored")
 

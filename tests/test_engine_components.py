@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from alignment_histories import Said, confirms, costs_its_own_place, place, run_revocation, run_schedule, says
 
-from fleetmap.codecs.facts import name_lives, set_alignment, set_anchor, set_level, set_start
+from fleetmap.codecs.facts import name_lives, set_anchor, set_level, set_start
 from fleetmap.codecs.facts.facts import Facts
 from fleetmap.engine.components import components_of
 from fleetmap.model.pose import FixedPose, Pose2

@@ -93,6 +93,7 @@ ALIGNMENT = known.AlignmentFact(
     known.Weight(120_000, 30, 125_000, 44_000, 7_000),
 )
 REFUSED = known.AlignmentFact("1", ("q", 7, "0"), "too_small")
+SEEN = known.Seen(TURNED, (10**12, 0), TURNED.inverse())
 VERDICT = known.Verdict(("q", 9, ALIGNMENT.subject), TURNED, 100_000)
 
 
@@ -110,11 +111,13 @@ def test_every_kind_comes_back() -> None:
         known.set_alignment(REFUSED),
         known.set_verdict(VERDICT),
         known.set_start_sigma(300_000, 20_000),
+        known.set_landmark("tag-1", SEEN),
+        known.set_sighting("q", 2**64 - 1, SEEN),
     ]
     for step in steps:
         facts = facts.after(step)
     check_facts(facts)
-    assert {key[0] for key in facts} == known.CHECKS.keys() == set(range(1, 11))
+    assert {key[0] for key in facts} == known.CHECKS.keys() == set(range(1, 12))
     assert known.level_of(facts) == "2.upper"
     assert known.start_of(facts) == known.anchor_of(facts, "s") == TURNED
     assert known.named_lives(facts) == {7, 2**64 - 1}
@@ -123,6 +126,8 @@ def test_every_kind_comes_back() -> None:
     assert {fact.other: fact for fact in known.alignments_of(facts)} == {f.other: f for f in (ALIGNMENT, REFUSED)}
     assert known.verdicts_of(facts) == [VERDICT]
     assert known.start_sigma_of(facts) == (300_000, 20_000)
+    assert known.landmarks_of(facts) == {"tag-1": SEEN}
+    assert known.sightings_of(facts) == {("q", 2**64 - 1): SEEN}
     for taken_back in (
         known.drop_alignment("0", ALIGNMENT.other),
         known.drop_alignment("1", REFUSED.other),
@@ -198,6 +203,12 @@ BAD_ALIGNMENTS = [
         (b"\x09" + b"\x00" * 16 + b"a", b"\x00" * 4 + POSE[:-1]),
         (b"\x0ax", b"\x00" * 10),
         (b"\x0a", b"\x00" * 9),
+        (b"\x0bx", b"\x00" * 11),
+        (b"\x0bla b", b"\x00" * 11),
+        (b"\x0bla", b"\x00" * 10),
+        (b"\x0bla", b"\x00" * 10 + bytes([len(POSE) - 1]) + POSE[:-1]),
+        (b"\x0bla", b"\x00" * 11 + POSE[:-1]),
+        (b"\x0br" + b"\x00" * 8, b"\x00" * 11),
     ],
 )
 def test_a_fact_that_is_not_of_its_kind_is_refused_and_nothing_is_changed(fact: tuple[bytes, bytes]) -> None:

@@ -58,13 +58,8 @@ def rival(elsewhere: Iterable[Evidence]) -> Evidence | None:
     return max(possible, key=lambda evidence: evidence.explained_m, default=None)
 
 
-def judge(best: Evidence, second: Evidence | None, beside: float) -> str:
-    """The outcome.
-
-    Parameters
-    ----------
-    beside : how many times as much floor as both have the map shows that shows more, beside that
-    """
+def judge(best: Evidence, second: Evidence | None) -> str:
+    """The outcome."""
     if best.explained_m < LEAST_M:
         return "too_small"
     if is_contradicted(best):
@@ -75,7 +70,7 @@ def judge(best: Evidence, second: Evidence | None, beside: float) -> str:
         return "too_small"
     if second is not None and second.explained_m > MOST_RIVAL * best.explained_m:
         return "ambiguous"
-    if best.long_m < ROOM_M and beside < MORE_SEEN:
+    if best.long_m < ROOM_M and best.beside < MORE_SEEN:
         return "ambiguous"
     return "committed"
 

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fleetmap.align.accept import judge, order, rival, sentence
 from fleetmap.align.candidates import Window, candidates
-from fleetmap.align.evidence import Evidence, common_m2, free_m2, weigh
+from fleetmap.align.evidence import Evidence, beside, weigh
 from fleetmap.align.protocol import Alignment, Matrix, Prior
 from fleetmap.align.refine import ROUGH, STAGES, information, refine
 from fleetmap.align.walls import Floats, Walls, walls_of
@@ -67,8 +68,8 @@ def decide(a: Walls, b: Walls, found: Sequence[Hypothesis]) -> Alignment:
     (best, row), *others = found
     second = rival(evidence for evidence, other in others if elsewhere(a, b, row, other))
     T_a_b = pose_of(row)
-    common = max(common_m2(a, b, T_a_b), 0.01)
-    outcome = judge(best, second, max(free_m2(a), free_m2(b)) / common - 1)
+    best = replace(best, beside=beside(a, b, T_a_b))
+    outcome = judge(best, second)
     text = sentence(
         outcome,
         explained_m=best.explained_m,
@@ -102,7 +103,8 @@ def hypotheses(a: Walls, b: Walls, prior: Prior | None = None) -> list[Hypothesi
 def window_of(prior: Prior) -> Window:
     """The places that a prior may mean."""
     radius_m, radius_rad = SIGMAS * prior.sigma_m + BESIDE_M, SIGMAS * prior.sigma_rad + BESIDE_RAD
-    return Window(row_of(prior.T_a_b), radius_m, radius_rad)
+    x, y = prior.T_a_b.apply(prior.pivot_xy)
+    return Window(prior.pivot_xy, (float(x), float(y)), prior.T_a_b.yaw_rad, radius_m, radius_rad)
 
 
 def ranked(a: Walls, b: Walls, rows: Floats) -> list[Hypothesis]:

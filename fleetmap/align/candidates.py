@@ -49,20 +49,34 @@ def candidates(a: Walls, b: Walls, within: Window | None = None) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """Places near one: its row (x, y, yaw), and how far from it others may be."""
+    """Places near one.
 
-    row: tuple[float, float, float]
+    Parameters
+    ----------
+    pivot_xy : a point of b
+    there_xy, yaw_rad : where that one puts it in a, and its yaw
+    radius_m, radius_rad : how far from there others may put it
+    """
+
+    pivot_xy: tuple[float, float]
+    there_xy: tuple[float, float]
+    yaw_rad: float
     radius_m: float
     radius_rad: float
 
     def has_yaw(self, yaw_rad: float) -> bool:
         """Whether a place with that yaw may be one."""
-        return abs(math.remainder(yaw_rad - self.row[2], math.tau)) <= self.radius_rad
+        return abs(math.remainder(yaw_rad - self.yaw_rad, math.tau)) <= self.radius_rad
+
+    def away_m(self, x_m: Floats, y_m: Floats, yaw_rad: float) -> Floats:
+        """How far from there places of one yaw put the point."""
+        x, y = rotated(yaw_rad, np.array(self.pivot_xy))
+        away: Floats = np.hypot(x_m + x - self.there_xy[0], y_m + y - self.there_xy[1])
+        return away
 
     def has(self, row: Floats) -> bool:
         """Whether a place (x, y, yaw) is one."""
-        away_m = math.hypot(float(row[0]) - self.row[0], float(row[1]) - self.row[1])
-        return away_m <= self.radius_m and self.has_yaw(float(row[2]))
+        return self.has_yaw(float(row[2])) and bool(self.away_m(row[0], row[1], float(row[2])) <= self.radius_m)
 
 
 def rotations(a: Walls, b: Walls) -> list[float]:
@@ -128,7 +142,7 @@ class Votes:
         y = np.where(rows <= self._most[1], rows, rows - self._shape[0]) * VOTE_M + self._low_a[1] - low[1]
         height = votes[rows, columns]
         if within is not None:
-            there = np.hypot(x - within.row[0], y - within.row[1]) <= within.radius_m
+            there = within.away_m(x, y, yaw_rad) <= within.radius_m
             x, y, height = x[there], y[there], height[there]
         order = np.argsort(-height, kind="stable")[:PEAKS]
         return [(-float(height[k]), (float(x[k]), float(y[k]), yaw_rad)) for k in order]

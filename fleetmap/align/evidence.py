@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,7 @@ class Evidence:
     rms_m : distances between the explained walls
     lines : on how many different lines the explained walls lie: a match by chance has few
     long_m : how far the explained walls extend along their longer axis
+    beside : how many times as much floor as both have one of the maps shows beside that; of the best pose alone
     """
 
     explained_m: float
@@ -46,6 +48,7 @@ class Evidence:
     rms_m: float
     lines: int
     long_m: float
+    beside: float = math.inf
 
     @property
     def score_m(self) -> float:
@@ -88,13 +91,14 @@ def eigenvalues(xx: float, xy: float, yy: float) -> tuple[float, float]:
     return float(middle - half), float(middle + half)
 
 
-def free_m2(walls: Walls) -> float:
-    """How much free space a map has."""
-    return float((walls.states_yx == FREE).sum()) * CELL_M**2
+def beside(a: Walls, b: Walls, T_a_b: Pose2) -> float:
+    """How many times as much free space as both have the map shows beside that which shows more."""
+    most_m2 = max(float((walls.states_yx == FREE).sum()) for walls in (a, b)) * CELL_M**2
+    return most_m2 / max(common_m2(a, b, T_a_b), CELL_M**2) - 1
 
 
 def common_m2(a: Walls, b: Walls, T_a_b: Pose2) -> float:
-    """How much of it both maps have."""
+    """How much free space both maps have."""
     rows, columns = np.nonzero(b.states_yx[::AREA_STEP, ::AREA_STEP] == FREE)
     centres = b.corner_xy + (AREA_STEP * np.column_stack([columns, rows]) + 0.5) * CELL_M
     column, row = np.floor((T_a_b.apply(centres) - a.corner_xy) / CELL_M).astype(np.int64).T

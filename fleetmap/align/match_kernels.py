@@ -1,7 +1,8 @@
 """Compiled loops over points of walls: which point of the other map is nearest and faces alike, and what follows.
 
 A map is a table of points sorted by the cell that they lie in (``walls.Index``): columns x, y, normal x, normal y,
-metres of wall. ``frame`` is (x, y of the lower left corner of the cells, their size, how many in a row, how many rows).
+metres of wall, and how many of these count where the other map has none. ``frame`` is (x, y of the lower left corner
+of the cells, their size, how many in a row, how many rows).
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def normal_equations(
     table: Floats, start: NDArray[np.int64], frame: Floats, points: Floats, poses: Floats, middle: Floats,
     radius_m: float, soft_m: float,
 ) -> Floats:  # fmt: skip
-    """For each pose (h, 3) of points (n, 5) the sums of Gauss-Newton, about where it puts ``middle``: (h, 12).
+    """For each pose (h, 3) of points (n, 6) the sums of Gauss-Newton, about where it puts ``middle``: (h, 12).
 
     Columns: xx, xy, xt, yy, yt, tt of the matrix, x, y, t of the right side, and of the wall that matches its metres
     and, times these, its x and y.
@@ -91,7 +92,7 @@ def one_way(
     table: Floats, start: NDArray[np.int64], frame: Floats, points: Floats, pose: Floats,
     clearance: NDArray[np.float32], states: NDArray[np.uint8], limits: Floats, matched: NDArray[np.bool_],
 ) -> Floats:  # fmt: skip
-    """What the other map says of points (n, 5) at one pose; ``matched`` (n,) is filled with which of them it has, too.
+    """What the other map says of points (n, 6) at one pose; ``matched`` (n,) is filled with which of them it has, too.
 
     Parameters
     ----------
@@ -130,11 +131,11 @@ def one_way(
             continue
         column, row = int(np.floor((x - limits[0]) / limits[2])), int(np.floor((y - limits[1]) / limits[2]))
         if 0 <= column < width and 0 <= row < height and clearance[row, column] > limits[4]:
-            out[1] += length
+            out[1] += points[i, 5]
         x, y = x + limits[5] * nx, y + limits[5] * ny
         column, row = int(np.floor((x - limits[0]) / limits[2])), int(np.floor((y - limits[1]) / limits[2]))
         if 0 <= column < width and 0 <= row < height and states[row, column] != 2:
-            out[2] += length
+            out[2] += points[i, 5]
     return out
 
 
@@ -146,7 +147,7 @@ def count_lines(
 
     Parameters
     ----------
-    points : (n, 5), those of one segment after each other
+    points : (n, 6), those of one segment after each other
     first : the first point of each segment, the longest segment first; and how many points it has: (segments, 2), flat
     share, least_m : of a segment that counts as matched, and how long it is at least
     apart_m : two lines that face alike are so far apart

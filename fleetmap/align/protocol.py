@@ -18,12 +18,14 @@ class Prior:
     Parameters
     ----------
     T_a_b : the place
-    sigma_m, sigma_rad : standard deviations of where it puts the origin of b, along each axis, and of its yaw
+    sigma_m, sigma_rad : standard deviations of where it puts ``pivot_xy``, along each axis, and of its yaw
+    pivot_xy : metres in b: what it tells most about, as the landmark that both saw
     """
 
     T_a_b: Pose2
     sigma_m: float
     sigma_rad: float
+    pivot_xy: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

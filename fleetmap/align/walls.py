@@ -15,6 +15,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, UNKNOWN
@@ -26,6 +28,8 @@ SPACING_M = 0.2
 """Between two points of a wall."""
 CELL_M = 0.1
 """Of the rasters in which free space is looked up."""
+LOOSE_M, LASTING = 1.2, 0.1
+"""What stands free and is no larger may have been moved: where the other map has it not, so much of it counts."""
 INDEX_M = 0.3
 """Of the cells in which the nearest point is looked for."""
 
@@ -35,7 +39,7 @@ class Index(NamedTuple):
 
     Parameters
     ----------
-    table : (n, 5) x, y, normal x, normal y, metres of wall; sorted by cell
+    table : (n, 6) x, y, normal x, normal y, metres of wall, and of that what lasts; sorted by cell
     start : the first row of each cell, row by row, and the number of points
     frame : x, y of the lower left corner, size of a cell, how many in a row, how many rows
     """
@@ -54,27 +58,30 @@ class Walls:
     points_xy : (n, 2) metres
     normals_xy : (n, 2) unit vectors into free space
     lengths_m : (n,) how much wall each point stands for
+    lasting_m : (n,) and how much of it will still be there: what stands free and is small may have been moved
+    edge : (n,) of which edge each point is; those of one lie together
     states_yx, corner_xy : the map's states in cells of ``CELL_M``, and where its lower left corner lies, in metres
     """
 
     points_xy: Floats
     normals_xy: Floats
     lengths_m: Floats
+    lasting_m: Floats
+    edge: NDArray[np.int64]
     states_yx: NDArray[np.uint8]
     corner_xy: Floats
 
     @functools.cached_property
     def table(self) -> Floats:
-        """(n, 5) points, normals and lengths, as the kernels take them."""
-        return np.column_stack([self.points_xy, self.normals_xy, self.lengths_m])
+        """(n, 6) points, normals and lengths, as the kernels take them."""
+        return np.column_stack([self.points_xy, self.normals_xy, self.lengths_m, self.lasting_m])
 
     @functools.cached_property
     def segments(self) -> NDArray[np.int64]:
-        """(2 n,) for each straight piece of wall, the longest first, its first point and how many it has."""
-        turns = (self.normals_xy[1:] != self.normals_xy[:-1]).any(axis=1)
-        first = np.concatenate([[0], np.flatnonzero(turns) + 1, [len(self.points_xy)]])
-        if len(self.points_xy) == 0:
+        """(2 edges,) for each edge, the longest first, its first point and how many it has."""
+        if len(self.edge) == 0:
             return np.zeros(0, np.int64)
+        first = np.concatenate([[0], np.flatnonzero(np.diff(self.edge)) + 1, [len(self.edge)]])
         length = np.add.reduceat(self.lengths_m, first[:-1])
         order = np.argsort(-length, kind="stable")
         return np.column_stack([first[:-1], np.diff(first)])[order].ravel().astype(np.int64)
@@ -115,14 +122,31 @@ def _walls_of(vector_map: VectorMap) -> Walls:
     rows = vector_map.edges
     segments = vector_map.segments_xy[vector_map.obstacle]
     free_left = rows[vector_map.obstacle, 4] == OBSTACLE_LABELS[0]
-    points, normals, lengths = sampled(segments, free_left)
+    points, normals, lengths, which = sampled(segments, free_left)
+    lasting = np.where(loose(rows[vector_map.obstacle, :4], vector_map.lattice.resolution_um / 1e6), LASTING, 1.0)
     grid = rasterize(vector_map) if len(rows) else None
     states, corner = coarse(grid) if grid is not None else (np.full((1, 1), UNKNOWN, np.uint8), np.zeros(2))
-    return Walls(points, normals, lengths, states, corner)
+    return Walls(points, normals, lengths, lengths * lasting[which], which, states, corner)
 
 
-def sampled(segments: Floats, free_left: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """Points in the middles of equal parts of each segment (n, 2, 2), the normal and the length of each."""
+def loose(edges: NDArray[np.int32], cell_m: float) -> NDArray[np.bool_]:
+    """(n,) whether an obstacle edge (y0, x0, y1, x1), in cells, belongs to something small that stands free."""
+    if not len(edges):
+        return np.zeros(0, bool)
+    ends, which = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+    pairs = which.reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(ends), len(ends)))
+    count, part = connected_components(graph, directed=False)
+    low, high = np.full((count, 2), np.iinfo(np.int64).max), np.full((count, 2), np.iinfo(np.int64).min)
+    np.minimum.at(low, part, ends)
+    np.maximum.at(high, part, ends)
+    small = (high - low).max(axis=1) * cell_m < LOOSE_M
+    of: NDArray[np.bool_] = small[part[pairs[:, 0]]]
+    return of
+
+
+def sampled(segments: Floats, free_left: NDArray[np.bool_]) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
+    """Points in the middles of equal parts of each segment (n, 2, 2), the normal, length and segment of each."""
     along = segments[:, 1] - segments[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
     parts = np.maximum(1, np.ceil(length / SPACING_M)).astype(np.int64)
@@ -133,7 +157,7 @@ def sampled(segments: Floats, free_left: NDArray[np.bool_]) -> tuple[Floats, Flo
     unit = along / np.maximum(length, 1e-9)[:, None]
     left = np.stack([-unit[:, 1], unit[:, 0]], axis=-1)
     normals = np.where(free_left[:, None], left, -left)[which]
-    return points, normals, (length / parts)[which]
+    return points, normals, (length / parts)[which], which
 
 
 def coarse(grid: OccupancyGrid) -> tuple[NDArray[np.uint8], Floats]:

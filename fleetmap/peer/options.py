@@ -91,13 +91,7 @@ class JoinOptions:
     @property
     def start_sigma_micro(self) -> tuple[int, int]:
         """Whole micrometres and microradians; ConfigError if they are none."""
-        expected = "two numbers: metres and radians, 0 or more, at most 1000"
-        if not isinstance(self.start_sigma, Sequence) or len(self.start_sigma) != 2:
-            raise ConfigError(option="start_sigma", value=self.start_sigma, reason=f"expected {expected}")
-        for sigma in self.start_sigma:
-            check_number("start_sigma", sigma, expected=expected, fits=lambda s: 0 <= s <= 1000)
-        sigma_m, sigma_rad = self.start_sigma
-        return round(sigma_m * 1e6), round(sigma_rad * 1e6)
+        return micro("start_sigma", self.start_sigma)
 
     def __post_init__(self) -> None:
         for option, name in (("robot", self.robot), ("fleet", self.fleet), ("level", self.level)):
@@ -122,6 +116,16 @@ class JoinOptions:
         if self.link is not None and not callable(getattr(self.link, "open", None)):
             reason = "expected a fleetmap.peer.link.Link; None is Zenoh's"
             raise ConfigError(option="link", value=self.link, reason=reason)
+
+
+def micro(option: str, sigma: tuple[float, float]) -> tuple[int, int]:
+    """Standard deviations in whole micrometres and microradians; ConfigError if they are none."""
+    expected = "two numbers: metres and radians, 0 or more, at most 1000"
+    if not isinstance(sigma, Sequence) or len(sigma) != 2:
+        raise ConfigError(option=option, value=sigma, reason=f"expected {expected}")
+    for each in sigma:
+        check_number(option, each, expected=expected, fits=lambda s: 0 <= s <= 1000)
+    return round(sigma[0] * 1e6), round(sigma[1] * 1e6)
 
 
 def fixed_pose(option: str, pose: Pose2 | FixedPose | None) -> FixedPose | None:

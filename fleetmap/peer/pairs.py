@@ -30,7 +30,7 @@ from fleetmap.model.errors import ConfigError
 from fleetmap.model.frame import Frame
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
-from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of
+from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of, prior_of_starts
 
 LEAST_WALL_M = 5.0
 """A map with less wall is looked at with nobody."""
@@ -65,6 +65,7 @@ class Job:
     ----------
     a, b : the maps; what is found is where b lies in a
     prior : about where that may be
+    starts : the prior are the starts of both robots
     known : the place that was found before, if only that is to be looked at
     about : whose alignment is looked at, of another robot; None: an own one is to be found
     """
@@ -72,6 +73,7 @@ class Job:
     a: Side
     b: Side
     prior: Prior | None = None
+    starts: bool = False
     known: FixedPose | None = None
     about: About | None = None
 
@@ -111,12 +113,14 @@ class Look:
     fact : what was said of it; None: nothing
     first_m : how much wall was explained when the place was found first
     whole_m : and when all places were looked at last
+    prior : what was told of it then
     """
 
     walls_m: tuple[float, float]
     fact: AlignmentFact | None = None
     first_m: float = 0.0
     whole_m: float = 0.0
+    prior: Prior | None = None
 
 
 @dataclass(slots=True)
@@ -168,25 +172,30 @@ class Pairs:
                 for theirs in sorted(stream.submaps):
                     sides = _side(now.own, name), _side(stream, theirs)
                     if sides[0] is not None and sides[1] is not None:
-                        due.append((self._urgency(sides[0], sides[1]), sides[0], sides[1], stream))
+                        prior = prior_of(now.own, name, stream, theirs)
+                        due.append((self._urgency(sides[0], sides[1], prior), sides[0], sides[1], stream, prior))
         due = [each for each in due if each[0] > 1]
         if not due:
             return None
-        _, a, b, stream = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
+        _, a, b, stream, prior = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
         look = self.looks.get((a.frame, b.frame))
         known = None
         if look is not None and look.fact is not None and look.fact.outcome == "committed":
             explained_m = look.fact.weight.explained / 1e3
             known = look.fact.T_own_other if explained_m < LOOK_ANEW * look.whole_m else None
-        prior = prior_of(now.own, a.frame[2], stream, b.frame[2])
-        return Job(a, b, prior, known if prior is None else None)
+        starts = prior_of_starts(now.own, a.frame[2], stream, b.frame[2])
+        if starts is not None:
+            return Job(a, b, starts, starts=True)
+        return Job(a, b, prior, known=known)
 
-    def _urgency(self, a: Side, b: Side) -> float:
+    def _urgency(self, a: Side, b: Side, prior: Prior | None) -> float:
         """More than 1: the pair is to be looked at."""
         look = self.looks.get((a.frame, b.frame))
         if look is None:
             return float("inf")
         kept = look.fact is not None and look.fact.outcome in ("committed", "provisional")
+        if prior is not None and prior != look.prior and not kept:
+            return float("inf")
         return _growth(look.walls_m, (a, b)) / (GROWN if kept else GROWN_AFTER_REFUSAL)
 
     def found(self, job: Job, result: Alignment) -> FactsStep:
@@ -210,7 +219,7 @@ class Pairs:
             # Where it was it isn't any more: all other places are looked at, with the next job.
             look.walls_m, look.whole_m = (0.0, 0.0), 0.0
             return {}
-        look.walls_m = walls_m
+        look.walls_m, look.prior = walls_m, job.prior
         explained_m = result.evidence.explained_m if result.evidence else 0.0
         if job.known is None:
             look.whole_m = explained_m
@@ -227,7 +236,7 @@ class Pairs:
 
     def _outcome(self, job: Job, result: Alignment, look: Look, explained_m: float) -> str | None:
         """What is said; None: nothing."""
-        if job.prior is not None:
+        if job.starts and job.prior is not None:
             # A start: only one that the maps contradict is worth a word.
             off_m, sigma_m = moved_m(result, job.prior.T_a_b)
             return "committed" if result.outcome == "committed" and off_m > max(AGREES_M, 4 * sigma_m) else None
@@ -248,7 +257,8 @@ class Pairs:
         certain = explained_m >= CERTAIN_M and second_m <= CERTAIN_RIVAL * explained_m
         grown = again and explained_m >= min(GAINED * look.first_m, look.first_m + GAINED_M)
         was = again and before is not None and before.outcome == "committed"
-        return "committed" if certain or grown or was else "provisional"
+        told = job.prior is not None
+        return "committed" if certain or grown or was or told else "provisional"
 
 
 def _says_as_much(before: AlignmentFact, after: AlignmentFact) -> bool:

@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from fleetmap.accounting import Ledger, Stats
-from fleetmap.codecs.facts import FactsStep
+from fleetmap.codecs.facts import FactsStep, Seen, set_landmark, set_sighting
 from fleetmap.codecs.names import check_name
 from fleetmap.engine import (
     Alive,
@@ -68,7 +68,7 @@ from fleetmap.peer.info import (
 )
 from fleetmap.peer.link import Link, Network
 from fleetmap.peer.namesake import answers
-from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose
+from fleetmap.peer.options import HOW_TO_POSE, JoinOptions, fixed_pose, micro
 from fleetmap.peer.pairs import Snapshot, snapshot
 from fleetmap.peer.profiles import HEARTBEAT_S
 from fleetmap.peer.publisher import GridPublisher
@@ -295,6 +295,48 @@ class Peer:
         """
         self._check()
         await self._run(self._engine.set_start, fixed_pose("start", start))
+
+    async def saw(self, robot: str, pose: Pose2, *, sigma: tuple[float, float] = (0.3, 0.2)) -> None:
+        """Say where a living teammate is, in the own map frame, that was seen just now: its map lies accordingly.
+
+        Parameters
+        ----------
+        sigma : standard deviations: metres along each axis, and radians
+
+        Raises
+        ------
+        ConfigError : it hasn't announced where it is in its own map (``set_pose``), or a number is none
+        """
+        self._check()
+        there, exactness = _fixed("pose", pose), micro("sigma", sigma)
+        check_name("robot", robot)
+
+        def say() -> None:
+            mate = self._engine.teammates.by_name.get(robot)
+            if mate is None or mate.pose is None:
+                raise ConfigError(option="robot", value=robot, reason="expected a teammate that announces its pose")
+            x_mm, y_mm, yaw_mrad = mate.pose
+            T_mate_there = FixedPose.from_pose(Pose2(x_mm * 1e-3, y_mm * 1e-3, yaw_mrad * 1e-3))
+            self._engine.say(set_sighting(robot, mate.life, Seen(there, exactness, T_mate_there)))
+
+        await self._run(say)
+
+    async def saw_landmark(self, name: str, pose: Pose2 | None, *, sigma: tuple[float, float] = (0.1, 0.05)) -> None:
+        """Say where a landmark is in the own map frame, as a tag on a wall; None: that isn't known any more.
+
+        Where another robot has seen the same one, their maps are looked for accordingly.
+
+        Parameters
+        ----------
+        sigma : standard deviations: metres along each axis, and radians
+
+        Raises
+        ------
+        ConfigError : it is no name, or a number is none
+        """
+        self._check()
+        seen = None if pose is None else Seen(_fixed("pose", pose), micro("sigma", sigma))
+        await self._run(self._engine.say, set_landmark(name, seen))
 
     async def forget(self, robot: str, *, everywhere: bool = False) -> None:
         """Leave what a robot has said so far out of the merged map. One that lives is back with its next word.
@@ -697,6 +739,10 @@ class Peer:
 
     def _take_reply(self, ask_id: int, payload: bytes | None) -> None:
         self._inbox.deliver(ReplyEnd(ask_id) if payload is None else Reply(ask_id, payload))
+
+
+def _fixed(option: str, pose: Pose2) -> FixedPose:
+    return FixedPose.from_pose(check_type(option, pose, Pose2, hint=HOW_TO_POSE))
 
 
 def _look_at(task: asyncio.Task[None]) -> None:

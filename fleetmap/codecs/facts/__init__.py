@@ -9,6 +9,7 @@ from fleetmap.codecs.facts import (
     forgotten,
     level,
     lives,
+    seen,
     sigma,
     start,
     superseded,
@@ -21,6 +22,7 @@ from fleetmap.codecs.facts.facts import Facts, FactsStep, check_bounds
 from fleetmap.codecs.facts.forgotten import forget, forgotten_streams
 from fleetmap.codecs.facts.level import level_of, set_level
 from fleetmap.codecs.facts.lives import name_lives, named_lives
+from fleetmap.codecs.facts.seen import Seen, landmarks_of, set_landmark, set_sighting, sightings_of
 from fleetmap.codecs.facts.sigma import set_start_sigma, start_sigma_of
 from fleetmap.codecs.facts.start import set_start, start_of
 from fleetmap.codecs.facts.state import State
@@ -29,7 +31,7 @@ from fleetmap.codecs.facts.verdict import About, Verdict, drop_verdict, set_verd
 
 CHECKS: dict[int, Callable[[bytes, bytes], None]] = {
     kind.KIND: kind.check
-    for kind in (level, start, anchor, lives, superseded, forgotten, addresses, alignment, verdict, sigma)
+    for kind in (level, start, anchor, lives, superseded, forgotten, addresses, alignment, verdict, sigma, seen)
 }
 
 
@@ -47,6 +49,7 @@ __all__ = [
     "AlignmentFact",
     "Facts",
     "FactsStep",
+    "Seen",
     "State",
     "Verdict",
     "Weight",
@@ -58,16 +61,20 @@ __all__ = [
     "drop_verdict",
     "forget",
     "forgotten_streams",
+    "landmarks_of",
     "level_of",
     "name_lives",
     "named_lives",
     "set_addresses",
     "set_alignment",
     "set_anchor",
+    "set_landmark",
     "set_level",
+    "set_sighting",
     "set_start",
     "set_start_sigma",
     "set_verdict",
+    "sightings_of",
     "start_of",
     "start_sigma_of",
     "supersede",
