@@ -197,6 +197,7 @@ def real(folder: Path) -> dict[str, Any]:
         found[name] = {
             "outcome": answer.outcome,
             "text": answer.text,
+            "off_m": None if answer.T_a_b is None else round(off_m(answer.T_a_b, truth, shared_xy(a, b, truth)), 3),
             "off_m_over_b": None if answer.T_a_b is None else round(off_m(answer.T_a_b, truth, known_xy(b)), 3),
             "bent_m": round(bent_m, 3),
             "cpu_s": round(took_s, 2),
@@ -211,6 +212,16 @@ def known_xy(grid: OccupancyGrid) -> np.ndarray[Any, Any]:
     rows, columns = np.nonzero(grid.states_yx() != UNKNOWN)
     centres = np.stack([columns, rows], axis=-1)[:: max(1, len(rows) // 500)] + 0.5
     return grid.origin.apply(centres * grid.resolution_m)
+
+
+def shared_xy(a: OccupancyGrid, b: OccupancyGrid, T_a_b: Pose2) -> np.ndarray[Any, Any]:
+    """(n, 2) metres in b: some places that both maps know."""
+    points = known_xy(b)
+    cells = np.floor(a.origin.inverse().apply(T_a_b.apply(points)) / a.resolution_m).astype(int)
+    inside = ((cells >= 0) & (cells < (a.width, a.height))).all(axis=1)
+    both = inside.copy()
+    both[inside] = a.states_yx()[cells[inside, 1], cells[inside, 0]] != UNKNOWN
+    return points[both]
 
 
 def different_buildings(folder: Path) -> dict[str, Any]:

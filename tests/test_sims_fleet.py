@@ -138,6 +138,18 @@ def test_two_robots_explore_an_office_and_hold_the_same_map(tmp_path) -> None:
     assert all(gone(robot.pid) for robot in told[-1].robots)
 
 
+def test_robots_that_do_not_know_their_starts_find_each_other(tmp_path) -> None:
+    result = run_fleet(
+        SimConfig(out=tmp_path, robots=2, size_m=16, seed=3, starts="unknown", listen="tcp/127.0.0.1:0"), lambda _: None
+    )
+    document = result.document
+    assert (document["components"], document["converged"], document["collisions"]) == (1, True, 0)
+    assert document["covered"] == 1.0
+    error = document["merged_error_m"]
+    assert isinstance(error, dict)
+    assert error["p95"] < 0.08
+
+
 def test_a_killed_robot_does_not_stop_the_others_and_the_report_says_so(tmp_path) -> None:
     killed: list[int] = []
 

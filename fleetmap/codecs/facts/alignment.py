@@ -24,8 +24,8 @@ MAX_MM = 1 << 31
 MAX_UM = 1 << 44
 MAX_VARIANCE = 1 << 62
 """Of micrometres and microradians: two kilometres, squared."""
-OUTCOMES = ("committed", "provisional", "ambiguous", "conflict", "too_small", "revoked")
-"""In this order on the wire. ``revoked``: it was committed, and is no more."""
+OUTCOMES = ("committed", "provisional", "ambiguous", "conflict", "too_small")
+"""In this order on the wire."""
 
 
 @dataclass(frozen=True, slots=True)
