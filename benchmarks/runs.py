@@ -10,6 +10,8 @@ already is only read. Then two rows a world: median, and in brackets least and m
 - wall error: distances between true walls and merged ones
 
     python benchmarks/runs.py [FOLDER] [--worlds office maze unstructured] [--seeds 1 2 3 4 5] [--json]
+
+With ``--starts unknown`` robots start anywhere and find each other; ``together_s`` in the document says when they had.
 """
 
 from __future__ import annotations
@@ -28,12 +30,13 @@ WORLDS = ("office", "maze", "unstructured")
 SEEDS = (1, 2, 3, 4, 5)
 
 
-def run(folder: Path, world: str, seed: int, *, robots: int, size_m: float) -> dict[str, Any]:
+def run(folder: Path, world: str, seed: int, *, robots: int, size_m: float, starts: str) -> dict[str, Any]:
     """The document of one run; it is made if it isn't there."""
-    path = folder / f"{world}-{seed}" / "stats.json"
+    name = Path(world).parent.name if world.endswith(".yaml") else world
+    path = folder / f"{name}-{seed}{'' if starts == 'known' else f'-{starts}'}" / "stats.json"
     if not path.exists():
         command = [sys.executable, "-m", "fleetmap", "sim", "--robots", robots, "--world", world, "--size", size_m]
-        command += ["--seed", seed, "--listen", "tcp/127.0.0.1:0", "--out", path.parent]
+        command += ["--seed", seed, "--listen", "tcp/127.0.0.1:0", "--out", path.parent, "--starts", starts]
         done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise SystemExit(f"{world}, seed {seed}: {done.stderr}")
@@ -55,6 +58,8 @@ def summarize(documents: list[dict[str, Any]]) -> dict[str, Any]:
         "simulated_s": lambda d: d["simulated_s"],
         "covered": lambda d: d["covered"],
         "collisions": lambda d: d["collisions"],
+        "components": lambda d: d["components"],
+        "together_s": lambda d: d["simulated_s"] if d["together_s"] is None else d["together_s"],
         "error_median_cm": lambda d: 100 * d["merged_error_m"]["median"],
         "error_p95_cm": lambda d: 100 * d["merged_error_m"]["p95"],
     }
@@ -96,6 +101,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=SEEDS)
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--size", type=float, default=40.0)
+    parser.add_argument("--starts", choices=("known", "unknown"), default="known")
     parser.add_argument("--tiny", action="store_true", help="one small run, to see that it runs")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
@@ -107,7 +113,9 @@ def main() -> None:
         for world in options.worlds:
             documents = []
             for seed in options.seeds:
-                documents.append(run(folder, world, seed, robots=options.robots, size_m=options.size))
+                documents.append(
+                    run(folder, world, seed, robots=options.robots, size_m=options.size, starts=options.starts)
+                )
                 if not options.tiny:
                     print(f"{world}, seed {seed}: done", file=sys.stderr, flush=True)
             worlds[world] = summarize(documents)

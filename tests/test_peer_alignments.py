@@ -16,7 +16,15 @@ from conftest import two_rooms
 
 import fleetmap
 from fleetmap.align.protocol import Alignment
-from fleetmap.codecs.facts import AlignmentFact, Weight, set_alignment
+from fleetmap.codecs.facts import (
+    AlignmentFact,
+    Verdict,
+    Weight,
+    drop_alignment,
+    drop_verdict,
+    set_alignment,
+    set_verdict,
+)
 from fleetmap.engine import Stream
 from fleetmap.engine.alignments import said_by_all
 from fleetmap.model.errors import ConfigError
@@ -179,7 +187,8 @@ def stream(robot: str, life: int, vector_map: object, facts: dict[bytes, bytes |
 
 def snapshot(own: Stream, *others: Stream, absent: tuple[str, ...] = ()) -> Snapshot:
     said = said_by_all([own, *others])
-    return Snapshot(own, others, said, frozenset(s.key for s in others if s.robot not in absent))
+    held = frozenset(s.key for s in (own, *others))
+    return Snapshot(own, others, said, frozenset(s.key for s in others if s.robot not in absent), held)
 
 
 def part(pair: Pair, share: float) -> object:
@@ -271,6 +280,18 @@ def test_the_other_robot_of_the_pair_judges_or_else_the_smallest_name_that_is_th
     # What is only provisional needs no judge.
     r1 = stream("r1", 1, a, set_alignment(replace(fact, outcome="provisional")))
     assert not judges(r2, r1, r3, r4)
+
+
+def test_what_was_said_of_streams_that_are_gone_is_taken_back() -> None:
+    a, b = vectorize(PAIR.a), vectorize(PAIR.b)
+    fact = AlignmentFact("0", ("r2", 2, "0"), "too_small")
+    verdict = Verdict(("r3", 3, fact.subject), FixedPose(), 1000)
+    own = stream("r1", 1, a, {**set_alignment(fact), **set_verdict(verdict)})
+    r2, r3 = stream("r2", 2, b), stream("r3", 3, b)
+    pairs = Pairs()
+    assert pairs.tidy(snapshot(own, r2, r3)) == {}
+    assert pairs.tidy(snapshot(own, r3)) == drop_alignment("0", fact.other)
+    assert pairs.tidy(snapshot(own)) == {**drop_alignment("0", fact.other), **drop_verdict(verdict.about)}
 
 
 def test_maps_with_hardly_any_wall_are_looked_at_with_nobody() -> None:

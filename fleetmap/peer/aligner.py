@@ -9,7 +9,7 @@ from contextlib import suppress
 from functools import partial
 
 from fleetmap.align.protocol import Alignment
-from fleetmap.codecs.facts import FactsStep
+from fleetmap.codecs.facts import FactsStep, alignment, verdict
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.pairs import Job, Pairs, Snapshot
@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 
 LOOK_S = 0.5
 """Between two looks for a pair that is due, while none is."""
+MOST_SAID = 256
+"""Alignments and verdicts of one robot; a fleet of thirty has as many pairs for each as it has robots."""
 LEAST_REST_S = 0.01
 SHARE = 3.0
 """After a job that took t it rests for so many times t: it takes at most a quarter of a core."""
@@ -57,7 +59,10 @@ class Aligner:
         """Work for ever."""
         while True:
             waiting, self._waiting = self._waiting, []
-            job = self.pairs.next(await self._look())
+            now = await self._look()
+            await self._tell(self.pairs.tidy(now), now)
+            # Of a thousand streams that takes a while.
+            job = await in_thread(partial(self.pairs.next, now))
             if job is None:
                 for found in waiting:
                     if not found.done():
@@ -69,13 +74,19 @@ class Aligner:
             result = await in_thread(partial(work, job))
             took_s = self._clock() - began_s
             logger.debug("%s: %s and %s: %s", self._robot, job.a.frame, job.b.frame, result.text)
-            step = self.pairs.found(job, result)
-            if step:
-                try:
-                    await self._say(step)
-                except ConfigError as error:  # no room for it: it is looked at again when it has grown
-                    logger.warning("%s: an alignment isn't said: %s", self._robot, error)
+            await self._tell(self.pairs.found(job, result), now)
             await self._rest(SHARE * took_s)
+
+    async def _tell(self, step: FactsStep, now: Snapshot) -> None:
+        """Say it, unless too much is said already: strangers who invent robots must not fill this one's stream."""
+        new = [key for key, value in step.items() if value is not None and key not in now.own.facts]
+        said = len(now.own.facts.of(alignment.KIND)) + len(now.own.facts.of(verdict.KIND))
+        if not step or (new and said >= MOST_SAID):
+            return
+        try:
+            await self._say(step)
+        except ConfigError as error:
+            logger.warning("%s: an alignment isn't said: %s", self._robot, error)
 
     async def _rest(self, rest_s: float) -> None:
         """For so long, or until somebody waits."""

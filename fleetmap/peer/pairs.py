@@ -19,9 +19,12 @@ from fleetmap.codecs.facts import (
     AlignmentFact,
     FactsStep,
     Verdict,
+    alignments_of,
     drop_alignment,
+    drop_verdict,
     set_alignment,
     set_verdict,
+    verdicts_of,
 )
 from fleetmap.engine import Engine
 from fleetmap.engine.alignments import SAME_COS_Q30, SAME_UM, Said, near
@@ -88,19 +91,22 @@ class Snapshot:
     streams : all that are merged if they can be placed, without the own one
     said : the alignments of all
     there : the streams of robots that are there
+    held : all streams that are held, also those that are left out of the merged map
     """
 
     own: Stream
     streams: Sequence[Stream]
     said: Sequence[Said]
     there: frozenset[Key]
+    held: frozenset[Key]
 
 
 def snapshot(engine: Engine) -> Snapshot:
     """What an engine knows now."""
     own, streams = engine.own, [s for s in engine.placed_streams() if s.key != engine.own.key]
     there = frozenset(stream.key for stream in streams if engine.is_there(stream.key))
-    return Snapshot(own, streams, engine.components().said, there)
+    held = frozenset(stream.key for stream in engine.holdings.streams())
+    return Snapshot(own, streams, engine.components().said, there, held)
 
 
 @dataclass(slots=True)
@@ -129,6 +135,19 @@ class Pairs:
 
     looks: dict[tuple[Frame, Frame], Look] = field(default_factory=dict)
     verdicts: dict[About, tuple[Verdict, tuple[float, float]]] = field(default_factory=dict)
+
+    def tidy(self, now: Snapshot) -> FactsStep:
+        """Forget streams that aren't held any more; what is to be taken back of what was said of them."""
+        self.looks = {pair: look for pair, look in self.looks.items() if pair[1][:2] in now.held}
+        self.verdicts = {about: last for about, last in self.verdicts.items() if about[:2] in now.held}
+        step: dict[bytes, bytes | None] = {}
+        for fact in alignments_of(now.own.facts):
+            if fact.other[:2] not in now.held:
+                step |= drop_alignment(fact.submap, fact.other)
+        for verdict in verdicts_of(now.own.facts):
+            if verdict.about[:2] not in now.held:
+                step |= drop_verdict(verdict.about)
+        return step
 
     def next(self, now: Snapshot) -> Job | None:
         """What is to be looked at next: words of others first, then the pair that has grown most since."""

@@ -93,6 +93,7 @@ class RobotProgress:
         far, and what grids would have cost
     sent, grids : the same by kind and by name: messages, bytes, segments
     explored_m2 : free floor in its own grid
+    members : robots whose maps are in its merged one, its own among them
     trail_xy : where it has been since the round before (world frame)
     """
 
@@ -114,6 +115,7 @@ class RobotProgress:
     sent: Mapping[str, Sequence[int]] = field(default_factory=dict)
     grids: Mapping[str, Sequence[int]] = field(default_factory=dict)
     explored_m2: float = 0.0
+    members: int = 1
     trail_xy: tuple[tuple[float, float], ...] = ()
 
 

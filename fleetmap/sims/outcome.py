@@ -94,6 +94,7 @@ def figures(
     return {
         "robots": len(run.latest),
         "components": components(run),
+        "together_s": together_s(run),
         "covered": round(min((covered(m, pose, run.world, run.reachable) for m, pose in maps), default=0.0), 5),
         "converged": run.converged,
         "finished": run.finished,
@@ -331,6 +332,16 @@ def trail(run: Run, robot: str, T_shown_world: Pose2) -> tuple[tuple[float, floa
             points += [(float(x), float(y)) for x, y in row[robot].trail_xy]
         before = row[robot].t_s
     return tuple((float(x), float(y)) for x, y in T_shown_world.apply(points))
+
+
+def together_s(run: Run) -> float | None:
+    """When, in simulated time, all who lived were in one merged map for good; None if they weren't in the end."""
+    since = None
+    for row in run.series:
+        living = [p for p in row.values() if p.state != "dead"]
+        all_in = bool(living) and all(p.members >= len(living) for p in living)
+        since = (since if since is not None else max(p.t_s for p in living)) if all_in else None
+    return since
 
 
 def fixed(value: object, digits: int, factor: float = 1.0) -> str:

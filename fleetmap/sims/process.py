@@ -162,6 +162,7 @@ class Child:
             sent={kind: count.to_json() for kind, count in sizes.sent.items()},
             grids={name: count.to_json() for name, count in sizes.grids.items()},
             explored_m2=sizes.explored_m2,
+            members=len({robot for robot, _ in self.peer.revisions} | {self.name}),
             trail_xy=tuple((round(x, 3), round(y, 3)) for x, y in trail),
         )
 
