@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from fleetmap.align.accept import judge, order, rival, sentence
-from fleetmap.align.candidates import Window, candidates
+from fleetmap.align.candidates import Window, candidates, vote_cell_m
 from fleetmap.align.evidence import Evidence, beside, weigh
 from fleetmap.align.protocol import Alignment, Matrix, Prior
-from fleetmap.align.refine import ROUGH, STAGES, information, refine
+from fleetmap.align.refine import ROUGH_CELLS, ROUGH_POINTS, ROUGH_STEPS, STAGES, information, refine
 from fleetmap.align.walls import Floats, Walls, walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -90,7 +90,8 @@ def hypotheses(a: Walls, b: Walls, prior: Prior | None = None) -> list[Hypothesi
     places = candidates(a, b, window)
     if prior is not None:
         places = np.vstack([[row_of(prior.T_a_b)], places])
-    rough = ranked(a, b, refine(a, b, places, ROUGH))
+    stage = ROUGH_CELLS * vote_cell_m(a, b), ROUGH_STEPS, ROUGH_POINTS
+    rough = ranked(a, b, refine(a, b, places, [stage]))
     distinct: list[Floats] = []
     for _, row in rough:
         if window is not None and not window.has(row):

@@ -24,8 +24,8 @@ LIKE_ENOUGH = 0.35
 """Of the best likeness of two histograms: less is no rotation to try. With 0.55 one true place in thirty was missed."""
 APART_BINS = 6
 """Rotations that are tried are at least 3 degrees apart: 0.4 m at 8 m from the middle."""
-VOTE_M = 0.4
-"""A cell of the votes."""
+VOTE_M, MOST_CELLS = 0.4, 800
+"""A cell of the votes; a larger one, of larger maps, so that they have no more than that along each axis."""
 DIRECTIONS = 8
 """In which walls vote apart from each other."""
 AGAINST = 1.0
@@ -109,17 +109,23 @@ def histogram(walls: Walls) -> Floats:
     return blurred
 
 
+def vote_cell_m(a: Walls, b: Walls) -> float:
+    """The size of a cell of their votes."""
+    longest_m = float(sum(max(walls.states_yx.shape) for walls in (a, b))) * CELL_M
+    return VOTE_M * max(1, math.ceil(longest_m / (MOST_CELLS * VOTE_M)))
+
+
 class Votes:
     """All translations of b at once, for one rotation after the other."""
 
     def __init__(self, a: Walls, b: Walls) -> None:
-        self._b = b
+        self._b, self._cell_m = b, vote_cell_m(a, b)
         reach = float(np.hypot(*np.ptp(np.vstack([b.points_xy, corners(b)]), axis=0)))
         self._low_a = np.minimum(a.points_xy.min(axis=0), a.corner_xy)
         high_a = np.maximum(a.points_xy.max(axis=0), a.corner_xy + CELL_M * np.array(a.states_yx.shape[::-1]))
-        self._most = np.ceil((high_a - self._low_a) / VOTE_M).astype(int)
+        self._most = np.ceil((high_a - self._low_a) / self._cell_m).astype(int)
         extent = high_a - self._low_a + reach
-        self._shape = tuple(fft.next_fast_len(int(n), real=True) for n in np.ceil(extent[::-1] / VOTE_M) + 2)
+        self._shape = tuple(fft.next_fast_len(int(n), real=True) for n in np.ceil(extent[::-1] / self._cell_m) + 2)
         # Whose walls are there counts once, however many points stand for them: votes are metres of b.
         self._walls_a = self._channels(a.points_xy, a.normals_xy, a.lengths_m, self._low_a, there=True)
         self._all_a = self._transform(self._raster(a.points_xy, a.lengths_m, self._low_a))
@@ -138,8 +144,9 @@ class Votes:
         highest = ndimage.maximum_filter(votes, 2 * PEAK_APART_CELLS + 1, mode="wrap")
         rows, columns = np.nonzero((votes == highest) & (votes > 0))
         # Farther than a is wide, a shift is one the other way.
-        x = np.where(columns <= self._most[0], columns, columns - self._shape[1]) * VOTE_M + self._low_a[0] - low[0]
-        y = np.where(rows <= self._most[1], rows, rows - self._shape[0]) * VOTE_M + self._low_a[1] - low[1]
+        first = self._low_a - low
+        x = np.where(columns <= self._most[0], columns, columns - self._shape[1]) * self._cell_m + first[0]
+        y = np.where(rows <= self._most[1], rows, rows - self._shape[0]) * self._cell_m + first[1]
         height = votes[rows, columns]
         if within is not None:
             there = within.away_m(x, y, yaw_rad) <= within.radius_m
@@ -158,23 +165,24 @@ class Votes:
         for k in range(DIRECTIONS):
             first, second = below % DIRECTIONS == k, (below + 1) % DIRECTIONS == k
             if there:
-                layer = spread(self._raster(points, np.where(first | second, lengths, 0.0), low) / VOTE_M)
+                layer = spread(self._raster(points, np.where(first | second, lengths, 0.0), low) / self._cell_m)
             else:
                 layer = self._raster(points, lengths * np.where(first, 1 - part, np.where(second, part, 0.0)), low)
             layers.append(self._transform(layer))
         return np.stack(layers)
 
     def _raster(self, points: Floats, weights: Floats, low: Floats) -> NDArray[np.float32]:
-        cells = np.floor((points - low) / VOTE_M).astype(np.int64)
+        cells = np.floor((points - low) / self._cell_m).astype(np.int64)
         flat = cells[:, 1] * self._shape[1] + cells[:, 0]
         counted = np.bincount(flat, weights, self._shape[0] * self._shape[1])
         return counted.reshape(self._shape).astype(np.float32)
 
     def _free(self, walls: Walls, yaw_rad: float, low: Floats) -> NDArray[np.float32]:
         """1 where that map has seen free space, well away from its border."""
-        rows, columns = np.nonzero(walls.clearance_m > DEEP_M)
-        centres = walls.corner_xy + (np.stack([columns, rows], axis=-1) + 0.5) * CELL_M
-        share = (CELL_M / VOTE_M) ** 2
+        each = max(1, int(self._cell_m / (2 * CELL_M)))  # two along each axis of a cell are enough
+        rows, columns = np.nonzero(walls.clearance_m[::each, ::each] > DEEP_M)
+        centres = walls.corner_xy + (each * np.stack([columns, rows], axis=-1) + 0.5) * CELL_M
+        share = (each * CELL_M / self._cell_m) ** 2
         raster = self._raster(rotated(yaw_rad, centres), np.full(len(centres), share), low)
         return np.minimum(raster, np.float32(1.0))
 

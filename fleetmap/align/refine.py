@@ -12,10 +12,10 @@ import numpy as np
 
 from fleetmap.align.walls import Floats, Walls
 
-ROUGH = ((0.8, 6, 150),)
-"""For all candidates: (radius of a match in metres, steps, points of b at most)."""
+ROUGH_CELLS, ROUGH_STEPS, ROUGH_POINTS = 2.0, 6, 150
+"""For all candidates: the radius of a match, in cells of the votes, and as below."""
 STAGES = ((0.6, 5, 300), (0.3, 5, 800), (0.2, 5, 1 << 30))
-"""For those that are left."""
+"""For those that are left: (radius of a match in metres, steps, points of b at most)."""
 SOFT_M = 0.05
 """Distances beyond count less and less."""
 DAMPING = 1e-3

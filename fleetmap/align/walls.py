@@ -10,7 +10,6 @@ import functools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,19 +103,9 @@ class Walls:
         return (clear * CELL_M).astype(np.float32)
 
 
-_known: WeakKeyDictionary[VectorMap, Walls] = WeakKeyDictionary()
-"""As long as somebody holds the map: a fleet's maps are looked at again and again."""
-
-
+@functools.lru_cache(8)
 def walls_of(vector_map: VectorMap) -> Walls:
-    """The walls of a vector map, in metres of its frame."""
-    walls = _known.get(vector_map)
-    if walls is None:
-        walls = _known[vector_map] = _walls_of(vector_map)
-    return walls
-
-
-def _walls_of(vector_map: VectorMap) -> Walls:
+    """The walls of a vector map, in metres of its frame. The last few are kept: maps are looked at again and again."""
     from fleetmap.vectorize import rasterize
 
     rows = vector_map.edges
@@ -166,13 +155,14 @@ def coarse(grid: OccupancyGrid) -> tuple[NDArray[np.uint8], Floats]:
     corners = grid.origin.apply(np.array([(0, 0), (width, 0), (0, height), (width, height)], np.float64))
     low = np.floor(corners.min(axis=0) / CELL_M) * CELL_M
     columns, rows = np.ceil((corners.max(axis=0) - low) / CELL_M).astype(int)
-    x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * CELL_M, low[1] + (np.arange(rows) + 0.5) * CELL_M)
-    local = grid.origin.inverse().apply(np.stack([x, y], axis=-1).reshape(-1, 2)) / grid.resolution_m
-    cell = np.floor(local).astype(np.int64)
-    inside = (cell >= 0).all(axis=1) & (cell[:, 0] < grid.width) & (cell[:, 1] < grid.height)
-    states = np.full(len(cell), UNKNOWN, np.uint8)
-    states[inside] = grid.states_yx()[cell[inside, 1], cell[inside, 0]]
-    return states.reshape(rows, columns), low
+    states, of_grid, T_grid_frame = np.full((rows, columns), UNKNOWN, np.uint8), grid.states_yx(), grid.origin.inverse()
+    x = low[0] + (np.arange(columns) + 0.5) * CELL_M
+    for row in range(rows):  # one at a time: all at once takes sixteen times the map
+        centres = np.column_stack([x, np.full(columns, low[1] + (row + 0.5) * CELL_M)])
+        cell = np.floor(T_grid_frame.apply(centres) / grid.resolution_m).astype(np.int64)
+        inside = (cell >= 0).all(axis=1) & (cell[:, 0] < grid.width) & (cell[:, 1] < grid.height)
+        states[row, inside] = of_grid[cell[inside, 1], cell[inside, 0]]
+    return states, low
 
 
 def rotated(yaw_rad: float, points_xy: Floats) -> Floats:

@@ -35,8 +35,9 @@ from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of, prior_of_starts
 
-LEAST_WALL_M = 5.0
-"""A map with less wall is looked at with nobody."""
+LEAST_WALL_M, MOST_M2 = 5.0, 90_000.0
+"""A map with less wall, or in a larger box, is looked at with nobody: two of 200 m by 200 m take 200 MB for a second or
+two, two of 400 m by 400 m 600 MB for five."""
 GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
 """A pair is looked at again when either map has so many times as much wall."""
 GAINED, GAINED_M = 1.2, 10.0
@@ -319,6 +320,9 @@ def _side(stream: Stream | None, submap: str) -> Side | None:
     """A map that is worth a look."""
     vector_map = None if stream is None else stream.submaps.get(submap)
     if stream is None or vector_map is None:
+        return None
+    bounds, cell_m = vector_map.bounds_yx, vector_map.lattice.resolution_um / 1e6
+    if bounds is None or (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) * cell_m**2 > MOST_M2:
         return None
     wall_m = wall_of(vector_map)
     return Side((stream.robot, stream.life, submap), vector_map, wall_m) if wall_m >= LEAST_WALL_M else None
