@@ -35,9 +35,9 @@ from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of, prior_of_starts
 
-LEAST_WALL_M, MOST_M2 = 5.0, 90_000.0
-"""A map with less wall, or in a larger box, is looked at with nobody: two of 200 m by 200 m take 200 MB for a second or
-two, two of 400 m by 400 m 600 MB for five."""
+LEAST_WALL_M, MOST_WALL_M, MOST_M2 = 5.0, 10_000.0, 90_000.0
+"""A map with less wall, or more, or in a larger box, is looked at with nobody: two of 200 m by 200 m take 200 MB for a
+second or two, two of 400 m by 400 m 600 MB for five."""
 GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
 """A pair is looked at again when either map has so many times as much wall."""
 GAINED, GAINED_M = 1.2, 10.0
@@ -325,7 +325,8 @@ def _side(stream: Stream | None, submap: str) -> Side | None:
     if bounds is None or (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) * cell_m**2 > MOST_M2:
         return None
     wall_m = wall_of(vector_map)
-    return Side((stream.robot, stream.life, submap), vector_map, wall_m) if wall_m >= LEAST_WALL_M else None
+    fits = LEAST_WALL_M <= wall_m <= MOST_WALL_M
+    return Side((stream.robot, stream.life, submap), vector_map, wall_m) if fits else None
 
 
 def _growth(before_m: tuple[float, float], sides: tuple[Side, Side]) -> float:
