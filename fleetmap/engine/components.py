@@ -91,7 +91,8 @@ def components_of(streams: Iterable[Stream]) -> Components:
     by_key = {stream.key: stream for stream in sorted(streams, key=lambda s: s.key)}
     said = said_by_all(by_key.values())
     edges = edges_of(said, by_key.values())
-    cores, lost = cores_of(by_key, [edge for edge in edges if edge.confirmed])
+    connected = {key for edge in edges for key in (edge.a, edge.b)}
+    cores, lost = cores_of(sorted(connected), [edge for edge in edges if edge.confirmed])
     hooks = hang(cores, [edge for edge in edges if not edge.confirmed])
     placed: dict[Key, tuple[Key, FixedPose]] = {}
     fleet: dict[str, Key] = {}
@@ -101,6 +102,11 @@ def components_of(streams: Iterable[Stream]) -> Components:
             # All that have a start lie in one frame, on each level.
             name = frame if by_key[frame].start is None else fleet.setdefault(by_key[frame].level, frame)
             put(placed, core, name, frame, pose)
+    for key, stream in by_key.items():  # most of a thousand are by themselves
+        if key not in connected:
+            start = stream.start
+            name = key if start is None else fleet.setdefault(stream.level, key)
+            placed[key] = name, start or FixedPose()
     todo = [core for core in cores if id(core) in hooks]
     while todo:
         ready = [core for core in todo if hooks[id(core)].b in placed]

@@ -192,12 +192,11 @@ class Pairs:
                 for theirs in sorted(stream.submaps):
                     sides = _side(now.own, name), _side(stream, theirs)
                     if sides[0] is not None and sides[1] is not None:
-                        prior = prior_of(now.own, name, stream, theirs)
-                        due.append((self._urgency(sides[0], sides[1], prior), sides[0], sides[1], stream, prior))
+                        due.append((self._urgency(sides[0], sides[1], now.own, stream), sides[0], sides[1], stream))
         due = [each for each in due if each[0] > 1]
         if not due:
             return None
-        _, a, b, stream, prior = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
+        _, a, b, stream = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
         look = self.looks.get((a.frame, b.frame))
         known = None
         if look is not None and look.fact is not None and look.fact.outcome == "committed":
@@ -206,15 +205,15 @@ class Pairs:
         starts = prior_of_starts(now.own, a.frame[2], stream, b.frame[2])
         if starts is not None:
             return Job(a, b, starts, starts=True)
-        return Job(a, b, prior, known=known)
+        return Job(a, b, prior_of(now.own, a.frame[2], stream, b.frame[2]), known=known)
 
-    def _urgency(self, a: Side, b: Side, prior: Prior | None) -> float:
+    def _urgency(self, a: Side, b: Side, own: Stream, other: Stream) -> float:
         """More than 1: the pair is to be looked at."""
         look = self.looks.get((a.frame, b.frame))
         if look is None:
             return float("inf")
         kept = look.fact is not None and look.fact.outcome in ("committed", "provisional")
-        if prior is not None and prior != look.prior and not kept:
+        if not kept and (prior := prior_of(own, a.frame[2], other, b.frame[2])) is not None and prior != look.prior:
             return float("inf")
         return _growth(look.walls_m, (a, b)) / (GROWN if kept else GROWN_AFTER_REFUSAL)
 
