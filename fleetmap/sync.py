@@ -23,6 +23,7 @@ from fleetmap.model.mergedmap import MergedMap
 from fleetmap.model.pose import FixedPose, Pose2
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer import Change, Peer, PeerInfo, TeammateInfo
+from fleetmap.peer.alignments import AlignmentInfo
 from fleetmap.peer.health import Problem
 from fleetmap.peer.join import make_peer
 from fleetmap.peer.options import JoinOptions, taking
@@ -119,6 +120,18 @@ class SyncPeer:
         """Leave what a robot has said so far out of the merged map; of the own name, end the former lives."""
         self._run(lambda: self._peer.forget(robot, everywhere=everywhere))
 
+    def saw(self, robot: str, pose: Pose2, *, sigma: tuple[float, float] = (0.3, 0.2)) -> None:
+        """Say where a living teammate is, in the own map frame, that was seen just now."""
+        self._run(lambda: self._peer.saw(robot, pose, sigma=sigma))
+
+    def saw_landmark(self, name: str, pose: Pose2 | None, *, sigma: tuple[float, float] = (0.1, 0.05)) -> None:
+        """Say where a landmark is in the own map frame; None: that isn't known any more."""
+        self._run(lambda: self._peer.saw_landmark(name, pose, sigma=sigma))
+
+    def aligned(self, timeout_s: float = 10.0) -> None:
+        """Wait until this robot has looked at every pair of maps that is its to look at, as they are now."""
+        self._run(lambda: self._peer.aligned(timeout_s))
+
     def synced(self, timeout_s: float = 10.0, *, at_least: int = 0) -> MergedMap:
         """Wait until all that living peers hold now is held here, too."""
         return self._run(lambda: self._peer.synced(timeout_s, at_least=at_least))
@@ -178,6 +191,26 @@ class SyncPeer:
     def maps(self) -> dict[str, dict[str, VectorMap]]:
         """By robot, the submaps of all others as they are held now."""
         return self._peer.maps
+
+    @property
+    def alignments(self) -> list[AlignmentInfo]:
+        """What was found of each pair of frames: where one lies in the other, or why not."""
+        return self._peer.alignments
+
+    @property
+    def T_merged_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
+        """Where the own map frame lies in ``merged``; None while nothing says that."""
+        return self._peer.T_merged_robot
+
+    @property
+    def T_view_fleet(self) -> Pose2:  # noqa: N802 - the field's notation
+        """From the frame of ``merged`` into one that doesn't jump."""
+        return self._peer.T_view_fleet
+
+    @property
+    def frame(self) -> str | None:
+        """Whose map frame ``merged`` has; None: the fleet's, that of the starts."""
+        return self._peer.frame
 
     def teammates(self, *, frame: str = "robot") -> list[TeammateInfo]:
         """Living robots with the pose and the goal that they announced last."""

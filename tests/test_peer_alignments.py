@@ -18,8 +18,10 @@ import fleetmap
 from fleetmap.align.protocol import Alignment
 from fleetmap.codecs.facts import (
     AlignmentFact,
+    Facts,
     Verdict,
     Weight,
+    alignments_of,
     drop_alignment,
     drop_verdict,
     set_alignment,
@@ -29,9 +31,9 @@ from fleetmap.engine import Stream
 from fleetmap.engine.alignments import said_by_all
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import FixedPose, Pose2
-from fleetmap.peer import Peer
+from fleetmap.peer import Peer, aligner
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
-from fleetmap.peer.pairs import Pairs, Snapshot
+from fleetmap.peer.pairs import Job, Pairs, Snapshot
 from fleetmap.vectorize import vectorize
 
 PAIR = make_pair("same", 1)
@@ -220,12 +222,12 @@ def test_nothing_is_looked_at_twice_before_it_has_grown() -> None:
     job = pairs.next(snapshot(r1, r2))
     assert job is not None
     too_small = Alignment("too_small", None, ((0.0,) * 3,) * 3, (0.0, 0.0), None, None, "")
-    assert pairs.found(job, too_small) == set_alignment(AlignmentFact("0", ("r2", 2, "0"), "too_small"))
+    assert pairs.found(job, too_small, r1) == set_alignment(AlignmentFact("0", ("r2", 2, "0"), "too_small"))
     assert pairs.next(snapshot(r1, r2)) is None
     small, pairs = stream("r1", 1, part(PAIR, 0.5)), Pairs()
     job = pairs.next(snapshot(small, r2))
     assert job is not None
-    pairs.found(job, too_small)
+    pairs.found(job, too_small, small)
     assert pairs.next(snapshot(small, r2)) is None
     assert pairs.next(snapshot(r1, r2)) is not None
     for again in (stream("r3", 3, b), stream("r2", 5, b)):  # another robot, another life
@@ -236,18 +238,20 @@ def test_a_place_counts_once_it_is_found_again_in_maps_that_have_grown() -> None
     from fleetmap.align.evidence import Evidence
 
     a, b = vectorize(PAIR.a), vectorize(PAIR.b)
-    pairs, r1 = Pairs(), stream("r1", 1, a)
+    pairs, said = Pairs(), Facts()
 
     def look(explained_m: float, place: Pose2, outcome: str = "committed") -> str | None:
-        job = pairs.next(snapshot(r1, stream("r2", 2, b))) or last[-1]
+        nonlocal said
+        own = stream("r1", 1, a, dict(said))
+        job = pairs.next(snapshot(own, stream("r2", 2, b))) or last[-1]
         last.append(job)
         evidence = Evidence(explained_m, 0.0, explained_m, 5.0, 0.02, 9, 12.0)
         identity = ((1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 1e-6))
-        pairs.found(job, Alignment(outcome, place, identity, (0.0, 0.0), evidence, None, ""))
-        fact = pairs.looks[job.a.frame, job.b.frame].fact
-        return fact and fact.outcome
+        said = said.after(pairs.found(job, Alignment(outcome, place, identity, (0.0, 0.0), evidence, None, ""), own))
+        (fact,) = alignments_of(said)
+        return fact.outcome
 
-    last: list[object] = []
+    last: list[Job] = []
     assert look(20.0, Pose2(1.0, 0.0, 0.0)) == "provisional"
     assert look(22.0, Pose2(1.0, 0.0, 0.0)) == "provisional"
     assert look(24.5, Pose2(1.0, 0.0, 0.0)) == "committed"
@@ -292,6 +296,57 @@ def test_what_was_said_of_streams_that_are_gone_is_taken_back() -> None:
     assert pairs.tidy(snapshot(own, r2, r3)) == {}
     assert pairs.tidy(snapshot(own, r3)) == drop_alignment("0", fact.other)
     assert pairs.tidy(snapshot(own)) == {**drop_alignment("0", fact.other), **drop_verdict(verdict.about)}
+
+
+async def test_a_map_that_can_not_be_looked_at_costs_its_own_place_and_nobody_elses(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(job: Job) -> Alignment:
+        if "r2" in (job.a.frame[0], job.b.frame[0]):
+            raise np.linalg.LinAlgError("singular")
+        return work(job)
+
+    work = aligner.work
+    monkeypatch.setattr(aligner, "work", fail)
+    hub = MemoryHub(LoopClock())
+    async with (
+        fleetmap.join("r1", link=hub.link("r1")) as one,
+        fleetmap.join("r2", link=hub.link("r2")) as two,
+        fleetmap.join("r3", link=hub.link("r3")) as three,
+    ):
+        for peer, grid in ((one, PAIR.a), (two, PAIR.b), (three, PAIR.b)):
+            await peer.publish(grid)
+        await together(one, three)
+        await one.aligned(PATIENCE_S)  # it isn't tried for ever
+        assert {alignment.b[0] for alignment in one.alignments} == {"r3"}
+    told = [record.getMessage() for record in caplog.records if "can't be aligned" in record.getMessage()]
+    assert len([text for text in told if text.startswith("r1")]) == 1
+
+
+async def test_a_path_is_on_the_map_that_was_folded_whatever_was_found_since() -> None:
+    hub = MemoryHub(LoopClock())
+    async with (
+        fleetmap.join("r1", link=hub.link("r1"), fold_interval_s=3600.0) as one,
+        fleetmap.join("r2", link=hub.link("r2"), fold_interval_s=3600.0) as two,
+    ):
+        await two.publish(PAIR.b)
+        await two.refresh()
+        (x0, y0), (x1, y1) = PAIR.shared_xy[10], PAIR.shared_xy[-10]
+        before = two.plan((x0, y0), (x1, y1), radius_m=0.1)
+        assert (two.frame, two.T_merged_robot) == ("r2", None)
+        await one.publish(PAIR.a)
+        for peer in (one, two):
+            await until(peer, lambda peer=peer: any(a.confirmed_by for a in peer.alignments))  # type: ignore[misc]
+        assert two.T_fleet_robot is not None
+        if two.frame == "r2":  # no fold in between
+            again = two.plan((x0, y0), (x1, y1), radius_m=0.1)
+            assert again.points_xy.tolist() == before.points_xy.tolist()
+        await two.refresh()
+        assert two.frame == "r1"
+        assert two.T_merged_robot == two.T_fleet_robot
+        after = two.plan((x0, y0), (x1, y1), radius_m=0.1)
+        assert after.length_m < 1.5 * before.length_m
+        assert after.points_xy[0].tolist() == pytest.approx([x0, y0], abs=1e-6)
 
 
 def test_maps_with_hardly_any_wall_are_looked_at_with_nobody() -> None:

@@ -179,7 +179,7 @@ class Bridge:
             self._merged_came.clear()
             began_s = time.monotonic()
             # While the start is unknown, the merged map is the own one, in its own frame.
-            known = self.peer.T_fleet_robot is not None
+            known = self.peer.T_merged_robot is not None
             merged, frame = self.peer.merged, self.options.fleet_frame if known else self.hearing.map_frame
             if len(merged) and frame and f"{merged.digest} {frame}" != before:
                 before = f"{merged.digest} {frame}"
@@ -189,7 +189,8 @@ class Bridge:
     async def _say_frame(self) -> None:
         """Where the own map lies in the fleet: who looks it up wants it fresh."""
         while self.options.publish_tf and self.options.tf_topic:
-            T_fleet_map, map_frame = self.peer.T_fleet_robot, self.hearing.map_frame
+            # As of the merged map that was said: the fleet's frame may be another one when robots find each other.
+            T_fleet_map, map_frame = self.peer.T_merged_robot, self.hearing.map_frame
             if T_fleet_map is not None and map_frame:
                 self.saying.frame(T_fleet_map, map_frame)
             await asyncio.sleep(1 / self.options.tf_rate_hz)

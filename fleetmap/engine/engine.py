@@ -21,7 +21,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from fleetmap.accounting import Ledger
 from fleetmap.codecs import envelope
 from fleetmap.codecs.facts import (
-    Facts,
     FactsStep,
     addresses_of,
     forget,
@@ -56,7 +55,7 @@ from fleetmap.engine.budget import Budget
 from fleetmap.engine.catchup import GRACE_S, About
 from fleetmap.engine.chain import Chain
 from fleetmap.engine.changes import changed_events, gone_event, no_edge_changed
-from fleetmap.engine.components import Components, components_of
+from fleetmap.engine.components import Components, Remembered
 from fleetmap.engine.guard import REFUSED_COUNTS, Guard
 from fleetmap.engine.holdings import Holdings
 from fleetmap.engine.inputs import Alive, Foreign, Gone, Input, Message, Query, Reply, ReplyEnd, Replying
@@ -131,7 +130,7 @@ class Engine:
         """Robots that speak another version of the protocol, 0 where it isn't said."""
         self._refused: ConfigError | None = None
         self._left_out: set[Key] = set()
-        self._placed: tuple[tuple[list[tuple[Key, Facts]], Components], ...] = ()
+        self._placed = Remembered()
         self._commit(
             facts={**set_level(level), **set_start(start), **set_start_sigma(*start_sigma)}, even_if_nothing=True
         )
@@ -692,15 +691,8 @@ class Engine:
         check_reach(self.own, after, self.merged_streams(), self._components_with, submap=submap)
 
     def _components_with(self, own: Stream) -> Components:
-        """Where all streams lie, if the own one were that one; the last two answers are remembered."""
-        streams = [own if stream.key == own.key else stream for stream in self.placed_streams()]
-        facts = [(stream.key, stream.facts) for stream in streams]
-        for known, components in self._placed:
-            if len(known) == len(facts) and all(a == c and b is d for (a, b), (c, d) in zip(known, facts, strict=True)):
-                return components
-        components = components_of(streams)
-        self._placed = ((facts, components), *self._placed[:1])
-        return components
+        """Where all streams lie, if the own one were that one."""
+        return self._placed.of(own if stream.key == own.key else stream for stream in self.placed_streams())
 
     def _check_density(self, maps: Mapping[str, VectorMap], submap: str) -> None:
         others = sum(len(m) for name, m in {**self.own.submaps, **maps}.items() if name != submap)

@@ -28,12 +28,16 @@ class View:
     revisions : (robot, revision) of the streams that they come from
     left_out : (frame, reason) of maps whose start and anchor are each in their bounds, and both together beyond them
     poses : T_component_robot of each of these streams
+    T_merged_robot : where the own map frame lies in the component's; None: it is that, and nothing says where it lies
+    frame : whose map frame the component's is; None: it is the fleet's, in which starts are given
     """
 
     sources: tuple[Source, ...]
     revisions: tuple[tuple[str, Revision], ...]
     left_out: tuple[tuple[Frame, str], ...]
     poses: tuple[FixedPose, ...] = ()
+    T_merged_robot: FixedPose | None = None
+    frame: str | None = None
 
 
 def view(engine: Engine) -> View:
@@ -46,7 +50,17 @@ def view(engine: Engine) -> View:
     mine = [stream for stream in streams if stream.key in members]
     sources, unplaced = sources_of(mine, components)
     revisions = tuple((s.robot, s.revision) for s in mine)
-    return View(tuple(sources), revisions, tuple(unplaced), poses_of(mine, components))
+    own = None if alone(engine.own, components) else components.pose(engine.own.key)
+    name, _ = components.poses[engine.own.key]
+    started = any(stream.key == name and stream.start is not None for stream in mine)
+    return View(
+        tuple(sources), revisions, tuple(unplaced), poses_of(mine, components), own, None if started else name[0]
+    )
+
+
+def alone(own: Stream, components: Components) -> bool:
+    """Whether nothing says where a stream lies."""
+    return own.start is None and components.members(own.key) == [own.key]
 
 
 def poses_of(streams: Iterable[Stream], components: Components) -> tuple[FixedPose, ...]:

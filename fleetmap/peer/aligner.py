@@ -11,7 +11,7 @@ from functools import partial
 from fleetmap.align.protocol import Alignment
 from fleetmap.codecs.facts import FactsStep, alignment, verdict
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.threads import in_thread
+from fleetmap.model.threads import ProcessEnds, in_thread
 from fleetmap.peer.pairs import Job, Pairs, Snapshot
 
 logger = logging.getLogger(__name__)
@@ -71,10 +71,18 @@ class Aligner:
                 continue
             self._waiting = waiting + self._waiting
             began_s = self._clock()
-            result = await in_thread(partial(work, job))
+            try:
+                result = await in_thread(partial(work, job))
+            except ProcessEnds:
+                raise
+            except Exception:  # a map that somebody sent costs its own place, and not this peer
+                logger.exception("%s: %s and %s can't be aligned", self._robot, job.a.frame, job.b.frame)
+                self.pairs.failed(job)
+                result = None
             took_s = self._clock() - began_s
-            logger.debug("%s: %s and %s: %s", self._robot, job.a.frame, job.b.frame, result.text)
-            await self._tell(self.pairs.found(job, result), now)
+            if result is not None:
+                logger.debug("%s: %s and %s: %s", self._robot, job.a.frame, job.b.frame, result.text)
+                await self._tell(self.pairs.found(job, result, now.own), now)
             await self._rest(SHARE * took_s)
 
     async def _tell(self, step: FactsStep, now: Snapshot) -> None:

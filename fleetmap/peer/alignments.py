@@ -98,7 +98,8 @@ def not_merged(engine: Engine) -> dict[str, str]:
         pair = {said.author[0], said.other[0]}
         if own.robot in pair and (other := pair - {own.robot}) <= apart and other:
             info = alignment_info(said, lost=(said.author, said.other) in lost)
-            found[other.pop()] = f"{info.outcome} ({info.text})"
+            waits = "; waits for another robot to confirm it" if info.outcome == "committed" else ""
+            found[other.pop()] = f"{info.outcome} ({info.text}{waits})"
     return found
 
 

@@ -13,7 +13,6 @@ from fleetmap.engine import MapChanged
 from fleetmap.engine.view import View
 from fleetmap.model.frame import Frame
 from fleetmap.model.mergedmap import MergedMap
-from fleetmap.model.pose import FixedPose
 from fleetmap.model.threads import in_thread
 from fleetmap.peer.changes import ChangeQueue, RevisionVector
 
@@ -39,8 +38,8 @@ class Folder:
         self, robot: str, look: Callable[[], Awaitable[View]], *, interval_s: float, clock: Callable[[], float]
     ) -> None:
         self._merged, self._looked_at = MergedMap(np.zeros((0, 8), np.int32)), False
-        self.revisions: RevisionVector = ()
-        self._poses: tuple[FixedPose, ...] = ()
+        self.view = View((), (), ())
+        """What ``merged`` was made of, but for the maps."""
         self.folded = False
         """Whether ``merged`` was ever brought up to date."""
         self.readers: set[ChangeQueue] = set()
@@ -57,7 +56,12 @@ class Folder:
 
     def is_of(self, view: View) -> bool:
         """Whether ``merged`` was made of what is seen there."""
-        return (self.revisions, self._poses) == (view.revisions, view.poses)
+        return (self.view.revisions, self.view.poses) == (view.revisions, view.poses)
+
+    @property
+    def revisions(self) -> RevisionVector:
+        """Of the streams that ``merged`` was made of."""
+        return self.view.revisions
 
     def add(self, events: Iterable[MapChanged]) -> None:
         """Streams changed. Of the own one its robot wants to know whether it is merged."""
@@ -80,7 +84,7 @@ class Folder:
                     merged = await in_thread(partial(fold, view.sources))
                     if view.left_out:
                         merged = replace(merged, left_out=tuple(sorted({*merged.left_out, *view.left_out})))
-                    self._merged, self.revisions, self._poses = merged, view.revisions, view.poses
+                    self._merged, self.view = merged, replace(view, sources=())
                 self.folded = True
             except BaseException:
                 # Who waited gave up: the readers still want to know.

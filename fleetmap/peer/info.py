@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fleetmap.engine import Engine, Stream
 from fleetmap.engine.stream import Key
+from fleetmap.engine.view import alone
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
@@ -108,20 +109,22 @@ def frame_of(engine: Engine, frame: str) -> Pose2 | None:
     ------
     ConfigError : the frame is neither ``robot`` nor ``fleet``
     """
-    if frame == "fleet":
+    if is_fleet(frame):
         return Pose2()
-    if frame != "robot":
-        raise ConfigError(option="frame", value=frame, reason="expected robot or fleet")
     own = placed_in(engine).get(engine.own.key)
     return None if own is None else own.inverse()
 
 
-def frame_robot(engine: Engine) -> str | None:
-    """Whose map frame the merged map has; None: the fleet's, in which starts are given."""
-    own = engine.own
-    name, _ = engine.components().poses.get(own.key, (own.key, None))
-    started = any(stream.key == name and stream.start is not None for stream in engine.placed_streams())
-    return None if started else name[0]
+def is_fleet(frame: str) -> bool:
+    """Whether a user means the fleet's frame, and not the own robot's.
+
+    Raises
+    ------
+    ConfigError : it is neither
+    """
+    if frame not in ("robot", "fleet"):
+        raise ConfigError(option="frame", value=frame, reason="expected robot or fleet")
+    return frame == "fleet"
 
 
 def placed_in(engine: Engine) -> dict[Key, Pose2]:
@@ -131,6 +134,6 @@ def placed_in(engine: Engine) -> dict[Key, Pose2]:
     """
     components, own = engine.components(), engine.own
     members = components.members(own.key)
-    if own.start is None and members == [own.key]:
+    if alone(own, components):
         return {}
     return {key: pose.to_pose() for key in members if (pose := components.pose(key)) is not None}

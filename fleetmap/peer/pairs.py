@@ -19,6 +19,7 @@ from fleetmap.codecs.facts import (
     AlignmentFact,
     FactsStep,
     Verdict,
+    alignment_of,
     alignments_of,
     drop_alignment,
     drop_verdict,
@@ -29,15 +30,14 @@ from fleetmap.codecs.facts import (
 from fleetmap.engine import Engine
 from fleetmap.engine.alignments import SAME_COS_Q30, SAME_UM, Said, near
 from fleetmap.engine.stream import Key, Stream
-from fleetmap.model.errors import ConfigError
 from fleetmap.model.frame import Frame
 from fleetmap.model.pose import FixedPose
 from fleetmap.model.vectormap import VectorMap
 from fleetmap.peer.align_facts import as_fact, exact, moved_m, prior_of, prior_of_starts
 
-LEAST_WALL_M, MOST_WALL_M, MOST_M2 = 5.0, 10_000.0, 90_000.0
-"""A map with less wall, or more, or in a larger box, is looked at with nobody: two of 200 m by 200 m take 200 MB for a
-second or two, two of 400 m by 400 m 600 MB for five."""
+LEAST_WALL_M, MOST_WALL_M, MOST_M2, MOST_CELLS = 5.0, 10_000.0, 90_000.0, 36_000_000
+"""A map with less wall, or more, or in a larger box, in square metres or its cells, is looked at with nobody: two of
+200 m by 200 m take 200 MB for a second or two, two of 400 m by 400 m 600 MB for five."""
 GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
 """A pair is looked at again when either map has so many times as much wall."""
 GAINED, GAINED_M = 1.2, 10.0
@@ -46,8 +46,10 @@ CERTAIN_M, CERTAIN_RIVAL = 40.0, 0.2
 """So much wall, where the next best place explains so little of it, is enough the first time."""
 LOOK_ANEW = 2.0
 """A place that is known is looked up, and others aren't looked at, until so many times as much wall is explained."""
-MOVED_M = 0.03
-"""A place that is found again is said anew if it has moved so far, anywhere in what both have."""
+MOVED_UM, MOVED_COS_Q30 = 30_000, 1_073_740_189
+"""A place that is found again is said anew if it moved so far in the middle of what both have, or by 0.1 degrees."""
+KEPT = ("committed", "provisional")
+"""Outcomes with a place that is likely to be true."""
 AGREES_M = 0.05
 """A start that is off by no more, or by no more than four standard deviations, says as much as an alignment could."""
 
@@ -117,14 +119,12 @@ class Look:
     Parameters
     ----------
     walls_m : of both maps then
-    fact : what was said of it; None: nothing
     first_m : how much wall was explained when the place was found first
     whole_m : and when all places were looked at last
     prior : what was told of it then
     """
 
     walls_m: tuple[float, float]
-    fact: AlignmentFact | None = None
     first_m: float = 0.0
     whole_m: float = 0.0
     prior: Prior | None = None
@@ -132,15 +132,21 @@ class Look:
 
 @dataclass(slots=True)
 class Pairs:
-    """The pairs of one peer, and what was found of them."""
+    """The pairs of one peer: when it looked at them. What it found stands in its stream.
+
+    Attributes
+    ----------
+    looks : of own maps and those of others
+    judged : of alignments of others: how much wall both maps had then
+    """
 
     looks: dict[tuple[Frame, Frame], Look] = field(default_factory=dict)
-    verdicts: dict[About, tuple[Verdict, tuple[float, float]]] = field(default_factory=dict)
+    judged: dict[About, tuple[float, float]] = field(default_factory=dict)
 
     def tidy(self, now: Snapshot) -> FactsStep:
         """Forget streams that aren't held any more; what is to be taken back of what was said of them."""
         self.looks = {pair: look for pair, look in self.looks.items() if pair[1][:2] in now.held}
-        self.verdicts = {about: last for about, last in self.verdicts.items() if about[:2] in now.held}
+        self.judged = {about: walls_m for about, walls_m in self.judged.items() if about[:2] in now.held}
         step: dict[bytes, bytes | None] = {}
         for fact in alignments_of(now.own.facts):
             if fact.other[:2] not in now.held:
@@ -156,6 +162,7 @@ class Pairs:
 
     def _to_confirm(self, now: Snapshot) -> Job | None:
         streams = {stream.key: stream for stream in (*now.streams, now.own)}
+        verdicts = {verdict.about: verdict for verdict in verdicts_of(now.own.facts)}
         for said in now.said:
             if said.fact.outcome != "committed" or not self._is_judge(said, now):
                 continue
@@ -164,11 +171,10 @@ class Pairs:
             if a is None or b is None:
                 continue
             about = *said.author, said.fact.subject
-            last = self.verdicts.get(about)
-            same = last is not None and near(
-                last[0].T_own_other, said.fact.T_own_other, said.fact.middle_um, SAME_UM // 2, SAME_COS_Q30
-            )
-            if last is None or not same or _growth(last[1], (a, b)) >= GROWN:
+            place, middle_um = said.fact.T_own_other, said.fact.middle_um
+            verdict, walls_m = verdicts.get(about), self.judged.get(about)
+            same = verdict is not None and near(verdict.T_own_other, place, middle_um, SAME_UM // 2, SAME_COS_Q30)
+            if walls_m is None or not same or _growth(walls_m, (a, b)) >= GROWN:
                 return Job(a, b, known=said.fact.T_own_other, about=about)
         return None
 
@@ -197,11 +203,9 @@ class Pairs:
         if not due:
             return None
         _, a, b, stream = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
-        look = self.looks.get((a.frame, b.frame))
-        known = None
-        if look is not None and look.fact is not None and look.fact.outcome == "committed":
-            explained_m = look.fact.weight.explained / 1e3
-            known = look.fact.T_own_other if explained_m < LOOK_ANEW * look.whole_m else None
+        look, fact, known = self.looks.get((a.frame, b.frame)), _said(now.own, a, b), None
+        if look is not None and fact is not None and fact.outcome == "committed":
+            known = fact.T_own_other if fact.weight.explained / 1e3 < LOOK_ANEW * look.whole_m else None
         starts = prior_of_starts(now.own, a.frame[2], stream, b.frame[2])
         if starts is not None:
             return Job(a, b, starts, starts=True)
@@ -212,26 +216,36 @@ class Pairs:
         look = self.looks.get((a.frame, b.frame))
         if look is None:
             return float("inf")
-        kept = look.fact is not None and look.fact.outcome in ("committed", "provisional")
+        fact = _said(own, a, b)
+        kept = fact is not None and fact.outcome in KEPT
         if not kept and (prior := prior_of(own, a.frame[2], other, b.frame[2])) is not None and prior != look.prior:
             return float("inf")
         return _growth(look.walls_m, (a, b)) / (GROWN if kept else GROWN_AFTER_REFUSAL)
 
-    def found(self, job: Job, result: Alignment) -> FactsStep:
-        """Note what was found, and what is to be said of it; nothing if that is said already."""
+    def failed(self, job: Job) -> None:
+        """Note that a pair can't be looked at, as these maps are."""
+        walls_m = job.a.wall_m, job.b.wall_m
+        if job.about is not None:
+            self.judged[job.about] = walls_m
+        else:
+            self.looks.setdefault((job.a.frame, job.b.frame), Look(walls_m)).walls_m = walls_m
+
+    def found(self, job: Job, result: Alignment, own: Stream) -> FactsStep:
+        """Note what was found, and what is to be said of it; nothing if the own stream says that already."""
         walls_m = job.a.wall_m, job.b.wall_m
         if job.about is not None:
             assert job.known is not None
             holds = result.outcome == "committed" and _is_at(result, job.known, SAME_UM)
             explained_mm = round(result.evidence.explained_m * 1e3) if holds and result.evidence else 0
-            last, verdict = self.verdicts.get(job.about), Verdict(job.about, job.known, explained_mm)
-            if last is not None and _judges_as_much(last[0], verdict):
-                verdict = last[0]
-            self.verdicts[job.about] = verdict, walls_m
-            return set_verdict(verdict)
-        return self._found(job, result, walls_m)
+            self.judged[job.about] = walls_m
+            verdict = Verdict(job.about, job.known, explained_mm)
+            before = next((verdict for verdict in verdicts_of(own.facts) if verdict.about == job.about), None)
+            return {} if before is not None and _judges_as_much(before, verdict) else set_verdict(verdict)
+        return self._found(job, result, walls_m, _said(own, job.a, job.b))
 
-    def _found(self, job: Job, result: Alignment, walls_m: tuple[float, float]) -> FactsStep:
+    def _found(
+        self, job: Job, result: Alignment, walls_m: tuple[float, float], before: AlignmentFact | None
+    ) -> FactsStep:
         pair = job.a.frame, job.b.frame
         look = self.looks.setdefault(pair, Look(walls_m))
         if job.known is not None and result.outcome != "committed":
@@ -242,18 +256,17 @@ class Pairs:
         explained_m = result.evidence.explained_m if result.evidence else 0.0
         if job.known is None:
             look.whole_m = explained_m
-        before = look.fact
-        outcome = self._outcome(job, result, look, explained_m)
+        outcome = self._outcome(job, result, look, explained_m, before)
         if outcome is None:
-            look.fact = None
             return drop_alignment(job.a.frame[2], job.b.frame) if before is not None else {}
         after = as_fact(job.a.frame[2], job.b.frame, result, outcome)
         if before is not None and _says_as_much(before, after):
             return {}
-        look.fact = after
         return set_alignment(after)
 
-    def _outcome(self, job: Job, result: Alignment, look: Look, explained_m: float) -> str | None:
+    def _outcome(
+        self, job: Job, result: Alignment, look: Look, explained_m: float, before: AlignmentFact | None
+    ) -> str | None:
         """What is said; None: nothing."""
         if job.starts and job.prior is not None:
             # A start: only one that the maps contradict is worth a word.
@@ -262,14 +275,7 @@ class Pairs:
         if result.outcome != "committed" or result.T_a_b is None:
             look.first_m = 0.0
             return result.outcome
-        before = look.fact
-        again = (
-            before is not None
-            and before.outcome in ("provisional", "committed")
-            and near(
-                FixedPose.from_pose(result.T_a_b), before.T_own_other, _middle_um(result), 3 * SAME_UM, SAME_COS_Q30
-            )
-        )
+        again = before is not None and before.outcome in KEPT and _is_at(result, before.T_own_other, 3 * SAME_UM)
         if not again:
             look.first_m = explained_m
         second_m = result.second.explained_m if result.second else 0.0
@@ -287,14 +293,9 @@ def _says_as_much(before: AlignmentFact, after: AlignmentFact) -> bool:
     one, other = sorted((before.weight.explained, after.weight.explained))
     if other > 1.5 * one + 1000:
         return False
-    if after.outcome not in ("committed", "provisional"):
+    if after.outcome not in KEPT:
         return True
-    try:
-        off = after.T_own_other @ before.T_own_other.inverse()
-        x, y = off.apply_um(*after.middle_um)
-    except ConfigError:
-        return False
-    return max(abs(x - after.middle_um[0]), abs(y - after.middle_um[1])) < MOVED_M * 1e6
+    return near(before.T_own_other, after.T_own_other, after.middle_um, MOVED_UM, MOVED_COS_Q30)
 
 
 def _judges_as_much(before: Verdict, after: Verdict) -> bool:
@@ -320,12 +321,20 @@ def _side(stream: Stream | None, submap: str) -> Side | None:
     vector_map = None if stream is None else stream.submaps.get(submap)
     if stream is None or vector_map is None:
         return None
-    bounds, cell_m = vector_map.bounds_yx, vector_map.lattice.resolution_um / 1e6
-    if bounds is None or (bounds[2] - bounds[0]) * (bounds[3] - bounds[1]) * cell_m**2 > MOST_M2:
+    if vector_map.bounds_yx is None:
+        return None
+    y0, x0, y1, x1 = vector_map.bounds_yx
+    cells = (y1 - y0) * (x1 - x0)
+    if cells > MOST_CELLS or cells * (vector_map.lattice.resolution_um / 1e6) ** 2 > MOST_M2:
         return None
     wall_m = wall_of(vector_map)
     fits = LEAST_WALL_M <= wall_m <= MOST_WALL_M
     return Side((stream.robot, stream.life, submap), vector_map, wall_m) if fits else None
+
+
+def _said(own: Stream, a: Side, b: Side) -> AlignmentFact | None:
+    """What the own stream says of a pair."""
+    return alignment_of(own.facts, a.frame[2], b.frame)
 
 
 def _growth(before_m: tuple[float, float], sides: tuple[Side, Side]) -> float:

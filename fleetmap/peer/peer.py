@@ -59,8 +59,7 @@ from fleetmap.peer.inbox import Inbox
 from fleetmap.peer.info import (
     PeerInfo,
     TeammateInfo,
-    frame_of,
-    frame_robot,
+    is_fleet,
     maps_of,
     peer_infos,
     placed_in,
@@ -379,9 +378,15 @@ class Peer:
         return placed_in(self._engine).get(self._engine.own.key)
 
     @property
+    def T_merged_robot(self) -> Pose2 | None:  # noqa: N802 - the field's notation
+        """The same as ``merged`` was folded: where robots have found each other since, that is in another frame."""
+        placed = self._folder.view.T_merged_robot
+        return None if placed is None else placed.to_pose()
+
+    @property
     def frame(self) -> str | None:
         """Whose map frame ``merged`` has, of robots that found each other; None: the fleet's, that of the starts."""
-        return frame_robot(self._engine)
+        return self._folder.view.frame
 
     @property
     def T_view_fleet(self) -> Pose2:  # noqa: N802 - the field's notation
@@ -389,7 +394,7 @@ class Peer:
 
         When robots find each other, the frame of ``merged`` may become another one's.
         """
-        own, placed = self._engine.own, self.T_fleet_robot
+        own, placed = self._engine.own, self.T_merged_robot
         if placed is None:
             return Pose2()
         return (own.start.to_pose() if own.start is not None else Pose2()) @ placed.inverse()
@@ -545,7 +550,8 @@ class Peer:
         from fleetmap.peer.planning import plan_in_frame
 
         start_xy, goal_xy = check_xy("start_xy", start_xy), check_xy("goal_xy", goal_xy)
-        T_frame_fleet = frame_of(self._engine, frame) or Pose2()
+        T_merged_robot = self.T_merged_robot or Pose2()
+        T_frame_merged = Pose2() if is_fleet(frame) else T_merged_robot.inverse()
         if not self._folder.folded:
             raise NoPath(
                 status="outside",
@@ -553,7 +559,7 @@ class Peer:
             )
         try:
             return plan_in_frame(
-                self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_fleet, radius_m=radius_m, margin_m=margin_m
+                self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_merged, radius_m=radius_m, margin_m=margin_m
             )
         except NoPath as error:
             if self._folder.is_of(view(self._engine)):

@@ -16,7 +16,14 @@ from fleetmap.codecs.facts import (
     verdict,
 )
 from fleetmap.codecs.facts.addresses import addresses_of, set_addresses
-from fleetmap.codecs.facts.alignment import AlignmentFact, Weight, alignments_of, drop_alignment, set_alignment
+from fleetmap.codecs.facts.alignment import (
+    AlignmentFact,
+    Weight,
+    alignment_of,
+    alignments_of,
+    drop_alignment,
+    set_alignment,
+)
 from fleetmap.codecs.facts.anchor import anchor_of, set_anchor
 from fleetmap.codecs.facts.facts import Facts, FactsStep, check_bounds
 from fleetmap.codecs.facts.forgotten import forget, forgotten_streams
@@ -54,6 +61,7 @@ __all__ = [
     "Verdict",
     "Weight",
     "addresses_of",
+    "alignment_of",
     "alignments_of",
     "anchor_of",
     "check_facts",

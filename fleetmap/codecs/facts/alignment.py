@@ -95,6 +95,12 @@ def alignments_of(facts: Facts) -> list[AlignmentFact]:
     return [unpack(value) for value in facts.of(KIND).values()]
 
 
+def alignment_of(facts: Facts, submap: str, other: Frame) -> AlignmentFact | None:
+    """What is said of an own submap and another frame."""
+    value = facts.of(KIND).get(subject_of(submap, other))
+    return None if value is None else unpack(value)
+
+
 def set_alignment(fact: AlignmentFact) -> FactsStep:
     """The step that says an alignment."""
     return {bytes([KIND]) + fact.subject: fact.pack()}
