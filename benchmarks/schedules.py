@@ -6,10 +6,15 @@
 2. lives: a robot reboots 5 to 30 times: how many end with peers that keep different lives, or without the largest one.
 3. liars: a byzantine author and a lying mirror among robots that publish, reboot, are cut and forget: how many break a
    law (tests/liars.py has them).
+4. alignments: robots say where others lie, confirm, take back, lie and are forgotten: how many end with peers that
+   place each other differently, or merge another map.
+5. revocations: an alignment, a better one, a stranger come and go: how many leave other bytes than before, or move
+   others.
 
 Goes on where it stopped, if it is given a file: a seed is run once.
 
-    python benchmarks/schedules.py [--reboots 1000] [--lives 100] [--liars 10000] [--minutes 60] [--state FILE] [--json]
+    python benchmarks/schedules.py [--reboots 1000] [--lives 100] [--liars 10000] [--alignments 2000]
+        [--revocations 1000] [--minutes 60] [--state FILE] [--json]
 """
 
 from __future__ import annotations
@@ -33,6 +38,7 @@ BATCH = 10
 
 def run_batch(kind: str, seeds: list[int]) -> dict[int, list[str]]:
     """By seed, the laws that were broken."""
+    from alignment_histories import run_revocation, run_schedule
     from liars import run_liars
     from schedules import run_many_reboots, run_reboots
 
@@ -40,6 +46,8 @@ def run_batch(kind: str, seeds: list[int]) -> dict[int, list[str]]:
         "reboots": run_reboots,
         "lives": lambda seed: run_many_reboots(seed, reboots=5 + seed % 26),
         "liars": run_liars,
+        "alignments": run_schedule,
+        "revocations": run_revocation,
     }
     return {seed: runs[kind](seed)[:5] for seed in seeds}
 
@@ -57,7 +65,7 @@ def load(state: Path | None) -> dict[str, Any]:
     if state is not None and state.exists():
         found: dict[str, Any] = json.loads(state.read_text())
         return found
-    kinds = ("reboots", "lives", "liars")
+    kinds = ("reboots", "lives", "liars", "alignments", "revocations")
     return {"next": dict.fromkeys(kinds, 0), "run": dict.fromkeys(kinds, 0), "broken": {kind: {} for kind in kinds}}
 
 
@@ -67,15 +75,17 @@ def main() -> None:
     parser.add_argument("--reboots", type=int, default=1000)
     parser.add_argument("--lives", type=int, default=100)
     parser.add_argument("--liars", type=int, default=10_000)
+    parser.add_argument("--alignments", type=int, default=2000)
+    parser.add_argument("--revocations", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--state", type=Path)
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--tiny", action="store_true")
     args = parser.parse_args()
-    counts = {"reboots": args.reboots, "lives": args.lives, "liars": args.liars}
+    counts = {kind: getattr(args, kind) for kind in ("reboots", "lives", "liars", "alignments", "revocations")}
     if args.tiny:
-        counts = {"reboots": 3, "lives": 1, "liars": 2}
+        counts = {"reboots": 3, "lives": 1, "liars": 2, "alignments": 3, "revocations": 3}
     began_s = time.monotonic()
     state = load(args.state)
     with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
