@@ -163,6 +163,7 @@ def run_schedule(seed: int) -> list[str]:
         clock.advance(30.0)  # nobody forgets a robot that it hasn't heard of
         robots[next(name for name in names if name != liar)].forget(liar, everywhere=True)
     faults = []
+    clock.advance(30.0)  # who is forgotten, and lives, has its time to say so
     for _ in range(120):
         clock.advance(1.0)
         if len({str(sorted(robot.holds().items())) for robot in robots.values()}) == 1:
