@@ -4,7 +4,8 @@ On generated pairs of each kind (``buildings.py``), and with FLEETMAP_DATA on th
 known, and on all pairs of maps of different buildings. For each kind: outcomes; how many were committed wrongly
 (farther than 0.5 m off anywhere in what both have seen, or with nothing in common), with the upper end of the 95 %
 interval; of those with an overlap of at least 25 and 15 %, which share was committed, how far off these are at most
-(median, 95 %), and how many true errors lie within the stated 95 % ellipsoid; CPU time.
+(median, 95 %), and how many true errors lie within the stated 95 % ellipsoid; CPU time, also of looking at a place
+again; and how much wall is doubled when both are merged.
 
     python benchmarks/align.py [--each 100] [--first 0] [--kinds same,rooms] [--state FILE] [--jobs 2] [--json]
     python benchmarks/align.py --rivals --each 20      beside OpenCV's features and a correlative matcher
@@ -31,21 +32,28 @@ from typing import Any
 
 import numpy as np
 from buildings import KINDS, Pair, make_pair
+from scipy.spatial import cKDTree
 
-from fleetmap.align.align import align_walls
+from fleetmap.align.align import align_walls, check
 from fleetmap.align.protocol import Alignment
-from fleetmap.align.walls import walls_of
+from fleetmap.align.walls import sampled, walls_of
+from fleetmap.merge import fold
+from fleetmap.merge.protocol import Source
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.kernel_cache import modules_of
 from fleetmap.model.kernel_compiler import compile_ahead
-from fleetmap.model.lattice import UNKNOWN
+from fleetmap.model.lattice import FREE, UNKNOWN
 from fleetmap.model.map_server import load_map
-from fleetmap.model.pose import Pose2
+from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.vectormap import VectorMap
 from fleetmap.vectorize import vectorize
 
 WRONG_M = 0.5
 INSIDE_95 = 7.815
 """Of chi squared with three degrees of freedom."""
+DOUBLED_M = 0.05, 0.3
+LEFT = 4
+"""The column of a merged map's edges that has the state on their left."""
 BANDS = ((0.25, 2.0), (0.15, 0.25))
 REAL = {
     "gh25_ual": ("r1", "r2", "r3"),
@@ -60,10 +68,29 @@ REAL = {
 
 def look(a: OccupancyGrid, b: OccupancyGrid) -> tuple[Alignment, float]:
     """The answer, and CPU seconds."""
-    maps = vectorize(a), vectorize(b)
+    return look_at(vectorize(a), vectorize(b))
+
+
+def look_at(a: VectorMap, b: VectorMap) -> tuple[Alignment, float]:
+    """The same of vector maps."""
     began_s = time.process_time()
-    found = align_walls(walls_of(maps[0]), walls_of(maps[1]))
+    found = align_walls(walls_of(a), walls_of(b))
     return found, time.process_time() - began_s
+
+
+def doubled(maps: tuple[VectorMap, VectorMap], T_a_b: Pose2) -> float:
+    """Which share of the walls of both maps merged has another one that faces alike 5 to 30 cm beside it."""
+    poses = (Pose2(), T_a_b)
+    merged = fold(Source((str(k), 1, "0"), FixedPose.from_pose(poses[k]), maps[k]) for k in range(2))
+    segments = merged.segments_xy[merged.obstacle]
+    free_left = merged.edges[merged.obstacle, LEFT] == FREE
+    points, normals, lengths, edge = sampled(segments, free_left)
+    tree, beside = cKDTree(points), np.zeros(len(points), bool)
+    for k, near in enumerate(tree.query_ball_point(points, DOUBLED_M[1])):
+        others = [i for i in near if edge[i] != edge[k] and normals[i] @ normals[k] > 0.94]
+        across = np.abs((points[others] - points[k]) @ normals[k])
+        beside[k] = bool((across > DOUBLED_M[0]).any())
+    return float(lengths[beside].sum() / lengths.sum())
 
 
 def off_m(found: Pose2, truth: Pose2, shared_xy: np.ndarray[Any, Any]) -> float:
@@ -90,7 +117,8 @@ def inside(found: Alignment, truth: Pose2) -> bool:
 def try_pair(task: tuple[str, int]) -> dict[str, Any]:
     """One generated pair."""
     pair = make_pair(*task)
-    found, took_s = look(pair.a, pair.b)
+    maps = vectorize(pair.a), vectorize(pair.b)
+    found, took_s = look_at(*maps)
     right = is_right(pair, found.T_a_b)
     row: dict[str, Any] = {
         "kind": pair.kind,
@@ -99,18 +127,26 @@ def try_pair(task: tuple[str, int]) -> dict[str, Any]:
         "outcome": found.outcome,
         "right": right,
         "cpu_s": round(took_s, 4),
+        "edges": max(map(len, maps)),
         "evidence": vars_of(found.evidence),
         "second": vars_of(found.second),
     }
     if found.outcome == "committed" and right and found.T_a_b is not None and pair.T_a_b is not None:
         row["off_m"] = round(off_m(found.T_a_b, pair.T_a_b, pair.shared_xy), 5)
         row["in_ellipsoid"] = inside(found, pair.T_a_b)
+        began_s = time.process_time()
+        check(walls_of(maps[0]), walls_of(maps[1]), found.T_a_b)
+        row["check_s"] = round(time.process_time() - began_s, 4)
+        row["doubled"] = [round(doubled(maps, pose), 4) for pose in (found.T_a_b, pair.T_a_b)]
     return row
 
 
 def vars_of(evidence: Any) -> dict[str, float] | None:
     """The numbers of what speaks for a pose."""
-    return evidence and {name: round(float(getattr(evidence, name)), 4) for name in evidence.__slots__}
+    if evidence is None:
+        return None
+    values = {name: float(getattr(evidence, name)) for name in evidence.__slots__}
+    return {name: round(value, 4) for name, value in values.items() if math.isfinite(value)}
 
 
 def try_pairs(tasks: list[tuple[str, int]], *, state: Path | None, jobs: int) -> list[dict[str, Any]]:
@@ -142,6 +178,10 @@ def of_kind(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "wrong_seeds": wrong,
         "overlap": {name: figures for name, figures in bands.items() if figures["pairs"]},
         "cpu_s": percentiles([row["cpu_s"] for row in rows]),
+        "check_s": percentiles([row["check_s"] for row in rows if "check_s" in row]),
+        "doubled, at the place found and at the true one": [
+            percentiles([row["doubled"][k] for row in rows if "doubled" in row]) for k in (0, 1)
+        ],
     }
 
 
@@ -164,8 +204,9 @@ def band(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def percentiles(values: Iterable[float]) -> list[float]:
-    """The median, and what 95 % stay below."""
-    return [round(float(np.percentile(list(values), share)), 4) for share in (50, 95)]
+    """The median, and what 95 % stay below; nothing of nothing."""
+    these = list(values)
+    return [round(float(np.percentile(these, share)), 4) for share in (50, 95)] if these else []
 
 
 def real_pairs(folder: Path) -> dict[str, tuple[OccupancyGrid, OccupancyGrid, Pose2, float]]:
@@ -326,7 +367,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.tiny:
         options.each, options.kinds, options.jobs = 1, "same,different", 1
-    compile_ahead(modules_of("model", "vectorize", "align", "sims"))
+    compile_ahead(modules_of("model", "vectorize", "align", "merge", "sims"))
     seeds = range(options.first, options.first + options.each)
     kinds = options.kinds.split(",")
     data = None if options.tiny else os.environ.get("FLEETMAP_DATA")

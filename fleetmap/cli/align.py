@@ -140,7 +140,7 @@ def as_document(a: Path, b: Path, found: Alignment) -> dict[str, Any]:
 def _evidence(evidence: Evidence | None) -> dict[str, float] | None:
     if evidence is None:
         return None
-    names = ("explained_m", "conflict_m", "visible_m", "fixed_m", "rms_m", "score_m")
+    names = ("explained_m", "conflict_m", "visible_m", "fixed_m", "rms_m", "lines", "long_m", "score_m")
     return {name: round(float(getattr(evidence, name)), 4) for name in names}
 
 
