@@ -261,7 +261,7 @@ def test_a_place_counts_once_it_is_found_again_in_maps_that_have_grown() -> None
     assert look(30.0, Pose2(9.0, 0.0, 0.0), "ambiguous") == "ambiguous"
     assert look(31.0, Pose2(9.0, 0.0, 0.0)) == "provisional"
     # So much can't be chance.
-    assert look(60.0, Pose2(9.0, 0.0, 0.0)) == "committed"
+    assert look(70.0, Pose2(9.0, 0.0, 0.0)) == "committed"
 
 
 def test_the_other_robot_of_the_pair_judges_or_else_the_smallest_name_that_is_there() -> None:

@@ -42,7 +42,7 @@ GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
 """A pair is looked at again when either map has so many times as much wall."""
 GAINED, GAINED_M = 1.2, 10.0
 """What was found is true when it is found again after what both have has grown so much, or by so much wall."""
-CERTAIN_M, CERTAIN_RIVAL = 40.0, 0.2
+CERTAIN_M, CERTAIN_RIVAL = 60.0, 0.2
 """So much wall, where the next best place explains so little of it, is enough the first time."""
 LOOK_ANEW = 2.0
 """A place that is known is looked up, and others aren't looked at, until so many times as much wall is explained."""
