@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import msgpack
 
 from fleetmap.model.pose import MAX_UM, Q30, FixedPose
@@ -15,6 +17,7 @@ def pack_pose(pose: FixedPose) -> bytes:
     return packed
 
 
+@lru_cache(4096)
 def unpack_pose(value: bytes) -> FixedPose:
     """The pose in a value; ``ValueError`` if it is none, or not as ``pack_pose`` writes it."""
     if not value:
