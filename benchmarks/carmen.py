@@ -20,11 +20,12 @@ from __future__ import annotations
 
 import argparse
 import gzip
+import itertools
 import math
 import os
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,6 +78,10 @@ class Scan:
     ranges_m: NDArray[np.float64]
     pose: Pose2
     stamp_s: float
+
+    def has_seen(self) -> bool:
+        """Whether anything returned."""
+        return bool((self.ranges_m < self.maximum_m).any())
 
 
 class Fields:
@@ -210,12 +215,22 @@ def replay(path: Path, *, cell_m: float = 0.05, steps: int | None = None) -> Ite
     ------
     MapFormatError : as ``read_log``; or no scan saw anything
     """
+    nothing = True
+    for grid in itertools.islice(grids_of(read_log(path), cell_m=cell_m), steps):
+        yield grid
+        nothing = False
+    if nothing:
+        raise MapFormatError(path=path, field="ranges", reason="nothing returned in any scan")
+
+
+def grids_of(scans: Iterable[Scan], *, cell_m: float = 0.05) -> Iterator[OccupancyGrid]:
+    """The grids that a robot with these scans would have published: nothing of none that saw anything."""
     mapper = Mapper(Lidar(range_m=REACH_M), resolution_m=cell_m)
     before = None
-    way_m, on_the_way_s, made = 0.0, 0.0, 0
-    due = False
-    for scan in read_log(path):
-        if not (scan.ranges_m < scan.maximum_m).any():
+    way_m, on_the_way_s = 0.0, 0.0
+    due = True
+    for scan in scans:
+        if not scan.has_seen():
             continue  # nothing to map, and the mapper's grid can't grow by nothing
         if before is not None:
             moved_m = math.dist((before.pose.x_m, before.pose.y_m), (scan.pose.x_m, scan.pose.y_m))
@@ -228,11 +243,7 @@ def replay(path: Path, *, cell_m: float = 0.05, steps: int | None = None) -> Ite
         before = scan
         if due:
             yield mapper.grid()
-            way_m, on_the_way_s, made = 0.0, 0.0, made + 1
-            if made == steps:
-                return
-    if before is None:
-        raise MapFormatError(path=path, field="ranges", reason="nothing returned in any scan")
+            way_m, on_the_way_s = 0.0, 0.0
     if not due:
         yield mapper.grid()
 
