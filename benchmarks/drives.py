@@ -1,4 +1,4 @@
-"""A recorded drive as a fleet: when do robots that don't know where they started find that they are in one building?
+"""A recorded drive as a fleet: when robots that don't know where they started find that they are in one building.
 
 Each log is cut into as many stretches of equal way as there are robots; no two share a scan. Each robot drives its
 stretch from a frame of its own, all at once, in memory, and publishes as a simulated one does. After each round every

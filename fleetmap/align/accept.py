@@ -27,6 +27,10 @@ ROOM_M, MOST_RIVAL_OF_A_ROOM, MORE_SEEN = 9.0, 0.3, 1.5
 """What both have is hardly larger than a room. Others may be alike: if the maps show hardly more than that room, or a
 part of another one that fits."""
 
+MOST_MIRRORED = 0.9
+"""Of what the best place explains. Buildings have wings that mirror each other, and what looks the same in a mirror
+doesn't tell in which of both it is."""
+
 
 def strength(evidence: Evidence) -> float:
     """How little it may be chance, in lines of wall."""
@@ -80,6 +84,11 @@ def judge(best: Evidence, second: Evidence | None) -> str:
     if second is not None and second.explained_m > most_rival(room=room) * best.explained_m:
         return "ambiguous"
     return "ambiguous" if room and best.beside < MORE_SEEN else "committed"
+
+
+def is_mirrored(best: Evidence, image: Evidence) -> bool:
+    """Whether the mirror image of the second map fits as well as the map itself."""
+    return image.explained_m > MOST_MIRRORED * best.explained_m
 
 
 def most_rival(*, room: bool) -> float:

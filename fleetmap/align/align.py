@@ -3,7 +3,7 @@
 1. ``candidates``: rotations by direction histograms, translations by votes of all walls at once (FFT)
 2. ``refine``: the best of them to where walls meet lines, several at once
 3. ``weigh``: what speaks for and against each, in metres of wall
-4. ``judge``: whether the best one is true, and the only one
+4. ``judge``: whether the best one is true, and the only one; and whether the mirror image of the map fits as well
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fleetmap.align.accept import judge, order, rival, sentence
+from fleetmap.align.accept import is_mirrored, judge, order, rival, sentence
 from fleetmap.align.candidates import Window, candidates, vote_cell_m
 from fleetmap.align.evidence import Evidence, beside, weigh
 from fleetmap.align.protocol import Alignment, Matrix, Prior
 from fleetmap.align.refine import ROUGH_CELLS, ROUGH_POINTS, ROUGH_STEPS, STAGES, information, refine
-from fleetmap.align.walls import Floats, Walls, walls_of
+from fleetmap.align.walls import Floats, Walls, mirrored, walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 
@@ -53,7 +53,14 @@ def align(a: VectorMap, b: VectorMap, prior: Prior | None = None) -> Alignment:
 
 def align_walls(a: Walls, b: Walls, prior: Prior | None = None) -> Alignment:
     """The same of maps whose walls are known already."""
-    return decide(a, b, hypotheses(a, b, prior))
+    answer = decide(a, b, hypotheses(a, b, prior))
+    if answer.outcome != "committed" or answer.evidence is None or prior is not None:
+        return answer
+    image = rival(evidence for evidence, _ in hypotheses(a, mirrored(b)))
+    if image is None or not is_mirrored(answer.evidence, image):
+        return answer
+    text = f"its mirror image fits as well: {answer.evidence.explained_m:.1f} m and {image.explained_m:.1f} m explained"
+    return replace(answer, outcome="ambiguous", covariance=ZEROS, second=image, text=text)
 
 
 def check(a: Walls, b: Walls, T_a_b: Pose2) -> Alignment:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +116,19 @@ def walls_of(vector_map: VectorMap) -> Walls:
     grid = rasterize(vector_map) if len(rows) else None
     states, corner = coarse(grid) if grid is not None else (np.full((1, 1), UNKNOWN, np.uint8), np.zeros(2))
     return Walls(points, normals, lengths, lengths * lasting[which], which, states, corner)
+
+
+def mirrored(walls: Walls) -> Walls:
+    """The same map seen in a mirror: x becomes -x."""
+    flip = np.array([-1.0, 1.0])
+    right_m = walls.corner_xy[0] + CELL_M * walls.states_yx.shape[1]
+    return replace(
+        walls,
+        points_xy=walls.points_xy * flip,
+        normals_xy=walls.normals_xy * flip,
+        states_yx=np.ascontiguousarray(walls.states_yx[:, ::-1]),
+        corner_xy=np.array([-right_m, walls.corner_xy[1]]),
+    )
 
 
 def loose(edges: NDArray[np.int32], cell_m: float) -> NDArray[np.bool_]:
