@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from align import WRONG_M, is_right, off_m
 from buildings import KINDS, make_pair
 from conftest import two_rooms
 
-from fleetmap.align.align import align, align_walls
-from fleetmap.align.walls import walls_of
+from fleetmap.align.align import align, align_walls, decide, hypotheses
+from fleetmap.align.walls import mirrored, walls_of
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import UNKNOWN
 from fleetmap.model.map_server import save_map
@@ -67,6 +68,34 @@ def test_the_true_error_is_about_as_large_as_stated():
     sigma_m = math.sqrt(max(np.linalg.eigvalsh(np.array(found.covariance)[:2, :2])))
     assert 0.0005 < sigma_m < 0.05
     assert off_m(found.T_a_b, pair.T_a_b, pair.shared_xy) < WRONG_M / 5
+
+
+def test_a_wing_that_looks_the_same_in_a_mirror_is_not_told_from_its_mirror_image():
+    """A part of the mirrored floor fits beside 32 m of wall, as if there were no other wing."""
+    pair = make_pair("mirrored", 20057)
+    a, b = walls_of(vectorize(pair.a)), walls_of(vectorize(pair.b))
+    assert decide(a, b, hypotheses(a, b)).outcome == "committed"
+    found = align_walls(a, b)
+    assert found.outcome == "ambiguous"
+    assert re.fullmatch(r"its mirror image fits as well: 32\.\d m and 15\d\.\d m explained", found.text)
+    # What looks different in a mirror is at a place in one of both.
+    assert align_walls(a, mirrored(b)).outcome == "committed"
+
+
+def test_a_map_in_a_mirror_is_the_map_of_the_mirrored_grid():
+    grid = make_pair("same", 1).a
+    flipped = OccupancyGrid.from_states(
+        grid.states_yx()[:, ::-1].copy(),
+        grid.resolution_m,
+        Pose2(-grid.origin.x_m - grid.width * grid.resolution_m, grid.origin.y_m),
+    )
+    one, other = mirrored(walls_of(vectorize(grid))), walls_of(vectorize(flipped))
+    np.testing.assert_allclose(one.corner_xy, other.corner_xy, atol=0.1 + 1e-9)
+    found = align_walls(one, other)
+    assert found.outcome == "committed"
+    assert math.hypot(found.T_a_b.x_m, found.T_a_b.y_m) < 0.01
+    assert abs(found.T_a_b.yaw_rad) < 0.001
+    np.testing.assert_array_equal(mirrored(one).points_xy, walls_of(vectorize(grid)).points_xy)
 
 
 def test_maps_without_walls_are_too_small():

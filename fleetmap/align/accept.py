@@ -6,15 +6,14 @@ from collections.abc import Iterable
 
 from fleetmap.align.evidence import Evidence
 
-LEAST_M, LEAST_LINES = 8.0, 5
+LEAST_M, LEAST_LINES = 8.0, 4
 """Less wall than that, or on fewer lines, may meet by chance."""
-LEAST_STRENGTH = 18.0
+LEAST_STRENGTH = 12.0
 LINES_PER_M, LINES_PER_CONFLICT_M = 0.5, 10.0
-"""A line of wall counts as two metres of it, and a tenth of a metre that is contradicted takes one off. Of 1300
-generated pairs with nothing, or hardly anything, in common one came to 15.7, and those above are contradicted."""
-CONFLICT_M, CONFLICT_SHARE, CONFLICT_OF_LINE_M, FEW_LINES = 0.1, 0.01, 0.1, 8
-"""So much may be contradicted in any case, so much of what is explained, and so much for each line but the first few.
-Sights of one place hardly contradict each other, lookalikes do; and what has many lines is none."""
+"""A line of wall counts as two metres of it, and a tenth of a metre that is contradicted takes one off. Of 2500
+generated pairs with nothing, or hardly anything, in common one came to 8, if its mirror image didn't fit as well."""
+CONFLICT_M, CONFLICT_SHARE = 0.1, 0.045
+"""So much may be contradicted in any case, and so much of what is explained: things are moved between two visits."""
 LEAST_SEEN = 0.7
 """Of the walls that both should have."""
 LEAST_FIXED_M = 1.2
@@ -27,7 +26,7 @@ ROOM_M, MOST_RIVAL_OF_A_ROOM, MORE_SEEN = 9.0, 0.3, 1.5
 """What both have is hardly larger than a room. Others may be alike: if the maps show hardly more than that room, or a
 part of another one that fits."""
 
-MOST_MIRRORED = 0.9
+MOST_MIRRORED = 0.7
 """Of what the best place explains. Buildings have wings that mirror each other, and what looks the same in a mirror
 doesn't tell in which of both it is."""
 
@@ -46,8 +45,7 @@ def is_enough(evidence: Evidence) -> bool:
 
 def is_contradicted(evidence: Evidence) -> bool:
     """Whether what was seen speaks against it."""
-    by_lines_m = CONFLICT_OF_LINE_M * max(0, evidence.lines - FEW_LINES)
-    conflict = evidence.conflict_m > CONFLICT_M + CONFLICT_SHARE * evidence.explained_m + by_lines_m
+    conflict = evidence.conflict_m > CONFLICT_M + CONFLICT_SHARE * evidence.explained_m
     return conflict or evidence.explained_m < LEAST_SEEN * evidence.visible_m
 
 
