@@ -148,6 +148,9 @@ def test_robots_that_do_not_know_their_starts_find_each_other(tmp_path) -> None:
     error = document["merged_error_m"]
     assert isinstance(error, dict)
     assert error["p95"] < 0.08
+    # Each was in a map of its own at first, and never at a wrong place of another's.
+    assert 0.0 < document["misplaced_m"] < 0.1
+    assert 0.0 < document["together_s"] <= document["simulated_s"]
 
 
 def test_a_killed_robot_does_not_stop_the_others_and_the_report_says_so(tmp_path) -> None:

@@ -95,6 +95,8 @@ class RobotProgress:
     explored_m2 : free floor in its own grid
     members : robots whose maps are in its merged one, its own among them
     trail_xy : where it has been since the round before (world frame)
+    frame : whose map frame its merged map is in; None: the world's
+    T_merged_robot : (x, y, yaw) of its own map frame in that
     """
 
     robot: str
@@ -117,6 +119,8 @@ class RobotProgress:
     explored_m2: float = 0.0
     members: int = 1
     trail_xy: tuple[tuple[float, float], ...] = ()
+    frame: str | None = None
+    T_merged_robot: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,6 +95,7 @@ def figures(
         "robots": len(run.latest),
         "components": components(run),
         "together_s": together_s(run),
+        "misplaced_m": misplaced_m(run),
         "covered": round(min((covered(m, pose, run.world, run.reachable) for m, pose in maps), default=0.0), 5),
         "converged": run.converged,
         "finished": run.finished,
@@ -342,6 +343,18 @@ def together_s(run: Run) -> float | None:
         all_in = bool(living) and all(p.members >= len(living) for p in living)
         since = (since if since is not None else max(p.t_s for p in living)) if all_in else None
     return since
+
+
+def misplaced_m(run: Run) -> float:
+    """How far a merged map had its own robot from where that really was, at most, at any moment."""
+    worst = 0.0
+    for row in run.series:
+        for robot, p in row.items():
+            if p.state not in ("dead", "starting"):
+                x, y = run.start_of(robot).inverse().apply((p.x_m, p.y_m))
+                there = (run.T_world_frame(p.frame) @ Pose2(*p.T_merged_robot)).apply((x, y))
+                worst = max(worst, math.dist(there, (p.x_m, p.y_m)))
+    return round(worst, 4)
 
 
 def fixed(value: object, digits: int, factor: float = 1.0) -> str:

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +166,8 @@ class Child:
             explored_m2=sizes.explored_m2,
             members=len({robot for robot, _ in self.peer.revisions} | {self.name}),
             trail_xy=tuple((round(x, 3), round(y, 3)) for x, y in trail),
+            frame=self.peer.frame,
+            T_merged_robot=astuple(self.peer.T_merged_robot or Pose2()),
         )
 
     def covered(self) -> float:

@@ -45,5 +45,12 @@ class Run:
 
     def T_world_merged(self, robot: str) -> Pose2:  # noqa: N802 - the field's notation
         """Where the frame of a robot's merged map really lies: a robot's map frame begins where it started."""
-        frame = self.frames.get(robot)
-        return Pose2() if frame is None else self.starts[list(self.latest).index(frame)]
+        return self.T_world_frame(self.frames.get(robot))
+
+    def T_world_frame(self, frame: str | None) -> Pose2:  # noqa: N802 - the field's notation
+        """Where the map frame of a robot really lies, or that of the fleet."""
+        return Pose2() if frame is None else self.start_of(frame)
+
+    def start_of(self, robot: str) -> Pose2:
+        """Where a robot really started."""
+        return self.starts[list(self.latest).index(robot)]
