@@ -11,6 +11,7 @@ from buildings import KINDS, make_pair
 from conftest import two_rooms
 
 from fleetmap.align.align import align, align_walls, decide, hypotheses
+from fleetmap.align.protocol import Prior
 from fleetmap.align.walls import mirrored, walls_of
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import UNKNOWN
@@ -71,15 +72,16 @@ def test_the_true_error_is_about_as_large_as_stated():
 
 
 def test_a_wing_that_looks_the_same_in_a_mirror_is_not_told_from_its_mirror_image():
-    """A part of the mirrored floor fits beside 32 m of wall, as if there were no other wing."""
-    pair = make_pair("mirrored", 20057)
+    """The hall that both have seen is its own mirror image."""
+    pair = make_pair("mirrored", 20331)
     a, b = walls_of(vectorize(pair.a)), walls_of(vectorize(pair.b))
     assert decide(a, b, hypotheses(a, b)).outcome == "committed"
     found = align_walls(a, b)
     assert found.outcome == "ambiguous"
-    assert re.fullmatch(r"its mirror image fits as well: 32\.\d m and 15\d\.\d m explained", found.text)
-    # What looks different in a mirror is at a place in one of both.
-    assert align_walls(a, mirrored(b)).outcome == "committed"
+    assert re.fullmatch(r"its mirror image fits as well: 37\.\d m and 37\.\d m explained", found.text)
+    assert not np.any(found.covariance)
+    # Who knows about where it is isn't in the other wing.
+    assert align_walls(a, b, Prior(found.T_a_b, 0.3, 0.05)).outcome == "committed"
 
 
 def test_a_map_in_a_mirror_is_the_map_of_the_mirrored_grid():

@@ -8,10 +8,11 @@ from fleetmap.align.evidence import Evidence
 
 LEAST_M, LEAST_LINES = 8.0, 4
 """Less wall than that, or on fewer lines, may meet by chance."""
-LEAST_STRENGTH = 12.0
-LINES_PER_M, LINES_PER_CONFLICT_M = 0.5, 10.0
-"""A line of wall counts as two metres of it, and a tenth of a metre that is contradicted takes one off. Of 2500
-generated pairs with nothing, or hardly anything, in common one came to 8, if its mirror image didn't fit as well."""
+LEAST_STRENGTH = 15.0
+LINES_PER_M, LINES_PER_CONFLICT_M = 0.5, 15.0
+"""A line of wall counts as two metres of it, and a tenth of a metre that is contradicted takes one and a half off. Of
+2000 generated pairs with nothing, or hardly anything, in common one came to 13.5, of those whose mirror image didn't
+fit as well."""
 CONFLICT_M, CONFLICT_SHARE = 0.1, 0.045
 """So much may be contradicted in any case, and so much of what is explained: things are moved between two visits."""
 LEAST_SEEN = 0.7
@@ -20,8 +21,9 @@ LEAST_FIXED_M = 1.2
 """Wall across the direction in which the map would slide."""
 MOST_RIVAL = 0.4
 """Of what the best place explains: another one that explains as much, and could be true, may as well be."""
-RIVAL_SHARE, RIVAL_SEEN = 0.95, 0.6
-"""Of walls that are explained or contradicted, and of those that both should have: what could be true."""
+RIVAL_SHARE, RIVAL_SEEN, RIVAL_CONFLICT_M = 0.95, 0.6, 1.0
+"""Of walls that are explained or contradicted, of those that both should have, and how much more than of the best place
+may be contradicted: what could be true."""
 ROOM_M, MOST_RIVAL_OF_A_ROOM, MORE_SEEN = 9.0, 0.3, 1.5
 """What both have is hardly larger than a room. Others may be alike: if the maps show hardly more than that room, or a
 part of another one that fits."""
@@ -57,13 +59,14 @@ def order(evidence: Evidence) -> tuple[bool, float]:
     return not is_enough(evidence) or is_contradicted(evidence), -evidence.score_m
 
 
-def rival(elsewhere: Iterable[Evidence]) -> Evidence | None:
+def rival(best: Evidence, elsewhere: Iterable[Evidence]) -> Evidence | None:
     """The best of those that could be true, too."""
     possible = [
         evidence
         for evidence in elsewhere
         if evidence.explained_m >= RIVAL_SHARE * (evidence.explained_m + evidence.conflict_m)
         and evidence.explained_m >= RIVAL_SEEN * evidence.visible_m
+        and evidence.conflict_m <= best.conflict_m + RIVAL_CONFLICT_M
     ]
     return max(possible, key=lambda evidence: evidence.explained_m, default=None)
 

@@ -56,7 +56,7 @@ def align_walls(a: Walls, b: Walls, prior: Prior | None = None) -> Alignment:
     answer = decide(a, b, hypotheses(a, b, prior))
     if answer.outcome != "committed" or answer.evidence is None or prior is not None:
         return answer
-    image = rival(evidence for evidence, _ in hypotheses(a, mirrored(b)))
+    image = rival(answer.evidence, (evidence for evidence, _ in hypotheses(a, mirrored(b))))
     if image is None or not is_mirrored(answer.evidence, image):
         return answer
     text = f"its mirror image fits as well: {answer.evidence.explained_m:.1f} m and {image.explained_m:.1f} m explained"
@@ -73,7 +73,7 @@ def decide(a: Walls, b: Walls, found: Sequence[Hypothesis]) -> Alignment:
     if not found:
         return Alignment("too_small", None, ZEROS, (0.0, 0.0), None, None, "no walls to compare")
     (best, row), *others = found
-    second = rival(evidence for evidence, other in others if elsewhere(a, b, row, other))
+    second = rival(best, (evidence for evidence, other in others if elsewhere(a, b, row, other)))
     T_a_b = pose_of(row)
     best = replace(best, beside=beside(a, b, T_a_b))
     outcome = judge(best, second)
