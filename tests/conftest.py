@@ -34,7 +34,8 @@ settings.load_profile("fleetmap")
 
 def pytest_configure(config):
     """Compile on all cores what a run of all tests needs; single files compile what they import."""
-    if config.args_source is not config.ArgsSource.ARGS:
+    is_worker = hasattr(config, "workerinput")  # of pytest-xdist: they find what was compiled before they began
+    if config.args_source is not config.ArgsSource.ARGS and not is_worker:
         compile_ahead(kernel_modules())
 
 
