@@ -24,6 +24,9 @@ MOST_RIVAL = 0.4
 RIVAL_SHARE, RIVAL_SEEN, RIVAL_CONFLICT_M = 0.95, 0.6, 1.0
 """Of walls that are explained or contradicted, of those that both should have, and how much more than of the best place
 may be contradicted: what could be true."""
+MOST_CHANCE = 10.0
+"""Strength. Where two places fit better than that the building repeats itself, and the one that explains less may be
+true: of two robots in wings that are alike, each knows its own wing, and both a part of what lies between."""
 ROOM_M, MOST_RIVAL_OF_A_ROOM, MORE_SEEN = 9.0, 0.3, 1.5
 """What both have is hardly larger than a room. Others may be alike: if the maps show hardly more than that room, or a
 part of another one that fits."""
@@ -60,7 +63,7 @@ def order(evidence: Evidence) -> tuple[bool, float]:
 
 
 def rival(best: Evidence, elsewhere: Iterable[Evidence]) -> Evidence | None:
-    """The best of those that could be true, too."""
+    """The best of those that could be true, too: what is hardly chance first, then what explains most."""
     possible = [
         evidence
         for evidence in elsewhere
@@ -68,7 +71,13 @@ def rival(best: Evidence, elsewhere: Iterable[Evidence]) -> Evidence | None:
         and evidence.explained_m >= RIVAL_SEEN * evidence.visible_m
         and evidence.conflict_m <= best.conflict_m + RIVAL_CONFLICT_M
     ]
-    return max(possible, key=lambda evidence: evidence.explained_m, default=None)
+    return max(possible, key=lambda evidence: (is_hardly_chance(evidence), evidence.explained_m), default=None)
+
+
+def is_hardly_chance(evidence: Evidence) -> bool:
+    """Whether another place fits so well that the building must repeat itself."""
+    many = evidence.explained_m >= LEAST_M and evidence.lines >= LEAST_LINES
+    return many and strength(evidence) >= MOST_CHANCE
 
 
 def judge(best: Evidence, second: Evidence | None) -> str:
@@ -82,19 +91,16 @@ def judge(best: Evidence, second: Evidence | None) -> str:
     if not is_enough(best):
         return "too_small"
     room = best.long_m < ROOM_M
-    if second is not None and second.explained_m > most_rival(room=room) * best.explained_m:
-        return "ambiguous"
+    if second is not None:
+        share = MOST_RIVAL_OF_A_ROOM if room else MOST_RIVAL
+        if is_hardly_chance(second) or second.explained_m > share * best.explained_m:
+            return "ambiguous"
     return "ambiguous" if room and best.beside < MORE_SEEN else "committed"
 
 
 def is_mirrored(best: Evidence, image: Evidence) -> bool:
     """Whether the mirror image of the second map fits as well as the map itself."""
     return image.explained_m > MOST_MIRRORED * best.explained_m
-
-
-def most_rival(*, room: bool) -> float:
-    """How much of the best another place may explain."""
-    return MOST_RIVAL_OF_A_ROOM if room else MOST_RIVAL
 
 
 def sentence(
@@ -109,7 +115,7 @@ def sentence(
             return f"the best place is contradicted: {found}, of {visible_m:.1f} m that both should have"
         case "ambiguous" if fixed_m < LEAST_FIXED_M:
             return f"it slides along its walls: of {found}, {fixed_m:.1f} m hold it"
-        case "ambiguous" if second_m > MOST_RIVAL_OF_A_ROOM * explained_m:
+        case "ambiguous" if second_m > min(LEAST_M, MOST_RIVAL_OF_A_ROOM * explained_m):
             return f"two places fit: {explained_m:.1f} m and {second_m:.1f} m explained"
         case "ambiguous":
             return f"both show one room, and hardly more: others may be alike ({found})"

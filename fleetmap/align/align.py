@@ -13,20 +13,24 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetmap.align.accept import is_mirrored, judge, order, rival, sentence
 from fleetmap.align.candidates import Window, candidates, vote_cell_m
-from fleetmap.align.evidence import Evidence, beside, weigh
+from fleetmap.align.evidence import Evidence, beside, roughly, weigh
 from fleetmap.align.protocol import Alignment, Matrix, Prior
 from fleetmap.align.refine import ROUGH_CELLS, ROUGH_POINTS, ROUGH_STEPS, STAGES, information, refine
 from fleetmap.align.walls import Floats, Walls, mirrored, walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 
+LEAST_RIVAL_M, PROMISING = 4.0, 0.4
+"""What explains less before it is refined isn't worth that, half of what a rival explains at least; and of a mirror
+image what explains less than such a share of the best place."""
 HYPOTHESES = 30
 """So many candidates are refined to the end."""
 ELSEWHERE_M, ELSEWHERE_RAD = 0.5, math.radians(4.0)
-"""What is farther from another hypothesis, anywhere in what both have, is another place."""
+"""What is farther from another hypothesis, anywhere in the second map, is another place."""
 SIGMAS, BESIDE_M, BESIDE_RAD = 4.0, 0.5, math.radians(3.0)
 """A place that is farther from a prior, by so many standard deviations and so much, isn't what it means."""
 SIGMA_M = 0.025
@@ -56,7 +60,8 @@ def align_walls(a: Walls, b: Walls, prior: Prior | None = None) -> Alignment:
     answer = decide(a, b, hypotheses(a, b, prior))
     if answer.outcome != "committed" or answer.evidence is None or prior is not None:
         return answer
-    image = rival(answer.evidence, (evidence for evidence, _ in hypotheses(a, mirrored(b))))
+    images = hypotheses(a, mirrored(b), least_m=PROMISING * answer.evidence.explained_m)
+    image = rival(answer.evidence, (evidence for evidence, _ in images))
     if image is None or not is_mirrored(answer.evidence, image):
         return answer
     text = f"its mirror image fits as well: {answer.evidence.explained_m:.1f} m and {image.explained_m:.1f} m explained"
@@ -73,7 +78,8 @@ def decide(a: Walls, b: Walls, found: Sequence[Hypothesis]) -> Alignment:
     if not found:
         return Alignment("too_small", None, ZEROS, (0.0, 0.0), None, None, "no walls to compare")
     (best, row), *others = found
-    second = rival(best, (evidence for evidence, other in others if elsewhere(a, b, row, other)))
+    apart = elsewhere(b, row, np.array([other for _, other in others]).reshape(-1, 3))
+    second = rival(best, (evidence for (evidence, _), there in zip(others, apart, strict=True) if there))
     T_a_b = pose_of(row)
     best = replace(best, beside=beside(a, b, T_a_b))
     outcome = judge(best, second)
@@ -89,8 +95,11 @@ def decide(a: Walls, b: Walls, found: Sequence[Hypothesis]) -> Alignment:
     return Alignment(outcome, T_a_b, covariance, middle, best, second, text)
 
 
-def hypotheses(a: Walls, b: Walls, prior: Prior | None = None) -> list[Hypothesis]:
-    """Places of b in a, the best first: what speaks for each, and its row (x, y, yaw)."""
+def hypotheses(a: Walls, b: Walls, prior: Prior | None = None, *, least_m: float = LEAST_RIVAL_M) -> list[Hypothesis]:
+    """Places of b in a, the best first: what speaks for each, and its row (x, y, yaw).
+
+    ``least_m`` : those that explain less wall, as it looks from afar, aren't looked at, but for the best one
+    """
     if not len(a.points_xy) or not len(b.points_xy):
         return []
     window = None if prior is None else window_of(prior)
@@ -98,13 +107,14 @@ def hypotheses(a: Walls, b: Walls, prior: Prior | None = None) -> list[Hypothesi
     if prior is not None:
         places = np.vstack([[row_of(prior.T_a_b)], places])
     stage = ROUGH_CELLS * vote_cell_m(a, b), ROUGH_STEPS, ROUGH_POINTS
-    rough = ranked(a, b, refine(a, b, places, [stage]))
+    rough = refine(a, b, places, [stage])
+    score_m, explained_m = roughly(a, b, rough)
     distinct: list[Floats] = []
-    for _, row in rough:
-        if window is not None and not window.has(row):
-            continue
-        if len(distinct) < HYPOTHESES and all(elsewhere(a, b, row, other) for other in distinct):
-            distinct.append(row)
+    for k in np.argsort(-score_m, kind="stable"):
+        is_meant = window is None or window.has(rough[k])
+        is_worth_it = not distinct or (explained_m[k] >= least_m and len(distinct) < HYPOTHESES)
+        if is_meant and is_worth_it and elsewhere(b, rough[k], np.array(distinct).reshape(-1, 3)).all():
+            distinct.append(rough[k])
     return ranked(a, b, refine(a, b, np.array(distinct))) if distinct else []
 
 
@@ -132,12 +142,15 @@ def pose_of(row: Floats) -> Pose2:
     return Pose2(x, y, math.remainder(yaw, math.tau))
 
 
-def elsewhere(a: Walls, b: Walls, one: Floats, other: Floats) -> bool:
-    """Whether two poses put what both maps have at different places."""
-    if abs(math.remainder(float(one[2] - other[2]), math.tau)) > ELSEWHERE_RAD:
-        return True
-    first, second = pose_of(one).apply(b.points_xy), pose_of(other).apply(b.points_xy)
-    return bool(np.hypot(*(first - second).T).max() > ELSEWHERE_M)
+def elsewhere(b: Walls, one: Floats, others: Floats) -> NDArray[np.bool_]:
+    """(n,) whether a pose (x, y, yaw) puts b at another place than each of others (n, 3)."""
+    c, s = np.cos(others[:, 2:]), np.sin(others[:, 2:])
+    x, y = b.outline_xy.T
+    there = pose_of(one).apply(b.outline_xy)
+    apart = np.hypot(others[:, :1] + c * x - s * y - there[:, 0], others[:, 1:2] + s * x + c * y - there[:, 1])
+    turned = np.abs(np.remainder(others[:, 2] - one[2] + math.pi, math.tau) - math.pi)
+    found: NDArray[np.bool_] = (apart.max(axis=1) > ELSEWHERE_M) | (turned > ELSEWHERE_RAD)
+    return found
 
 
 def spread(a: Walls, b: Walls, row: Floats) -> tuple[Matrix, tuple[float, float]]:

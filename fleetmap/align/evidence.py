@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleetmap.align.walls import CELL_M, Floats, Walls
 from fleetmap.model.lattice import FREE
@@ -21,6 +22,10 @@ INSIDE_M = 0.1
 
 MATCHED, LEAST_SEGMENT_M, LINES_APART_M = 0.6, 0.15, 0.3
 """A straight piece of wall counts if so much of it is explained, and it is so long; lines are so far apart."""
+AGAINST = 3.0
+"""So many metres of explained wall does a metre of contradicted wall outweigh."""
+ROUGH_POINTS = 400
+"""So many points of the second map tell which poses are worth a closer look."""
 AREA_STEP = 2
 """Every so many cells of free space are looked at, along each axis."""
 
@@ -53,7 +58,7 @@ class Evidence:
     @property
     def score_m(self) -> float:
         """What is left of the explained wall for what contradicts it."""
-        return self.explained_m - 3.0 * self.conflict_m
+        return self.explained_m - AGAINST * self.conflict_m
 
 
 def weigh(a: Walls, b: Walls, T_a_b: Pose2) -> Evidence:
@@ -66,14 +71,30 @@ def weigh(a: Walls, b: Walls, T_a_b: Pose2) -> Evidence:
     return Evidence(explained, conflict, visible, fixed, rms, lines, min(extent_m(side) for side, _ in sides))
 
 
+def roughly(a: Walls, b: Walls, rows: Floats) -> tuple[Floats, Floats]:
+    """(n,) what is left of the explained wall for each pose (n, 3), rows (x, y, yaw), and the explained: by points of b."""
+    from fleetmap.align import match_kernels
+
+    each = max(1, len(b.table) // ROUGH_POINTS)
+    points = np.ascontiguousarray(b.table[::each])
+    matched = np.zeros(len(points), bool)
+    sums = np.array([match_kernels.one_way(*a.index, points, row, *known(a), matched)[:2] for row in rows])
+    explained, conflict = each * sums.reshape(-1, 2).T
+    return explained - conflict, explained
+
+
+def known(a: Walls) -> tuple[NDArray[np.float32], NDArray[np.uint8], Floats]:
+    """What a knows, as ``match_kernels.one_way`` takes it."""
+    return a.clearance_m, a.states_yx, np.array([*a.corner_xy, CELL_M, NEAR_M, DEEP_M, INSIDE_M])
+
+
 def one_way(a: Walls, b: Walls, T_a_b: Pose2) -> tuple[Floats, int]:
     """Of the walls of b what ``match_kernels.one_way`` gives, and on how many lines those lie that a has, too."""
     from fleetmap.align import match_kernels
 
     pose = np.array([T_a_b.x_m, T_a_b.y_m, T_a_b.yaw_rad])
-    limits = np.array([*a.corner_xy, CELL_M, NEAR_M, DEEP_M, INSIDE_M])
     matched = np.zeros(len(b.table), bool)
-    sums = match_kernels.one_way(*a.index, b.table, pose, a.clearance_m, a.states_yx, limits, matched)
+    sums = match_kernels.one_way(*a.index, b.table, pose, *known(a), matched)
     lines = match_kernels.count_lines(b.table, b.segments, matched, MATCHED, LEAST_SEGMENT_M, LINES_APART_M)
     return sums, lines
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
 
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, UNKNOWN
@@ -95,6 +96,15 @@ class Walls:
         start = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=rows * columns))]).astype(np.int64)
         frame = np.array([*low, INDEX_M, columns, rows])
         return Index(np.ascontiguousarray(self.table[np.argsort(flat, kind="stable")]), start, frame)
+
+    @functools.cached_property
+    def outline_xy(self) -> Floats:
+        """(h, 2) the corners of the convex hull of the points: nothing else moves farther between two poses."""
+        try:
+            corners: Floats = self.points_xy[ConvexHull(self.points_xy).vertices]
+        except (QhullError, ValueError):  # fewer than three points, or all on one line
+            corners = self.points_xy
+        return corners
 
     @functools.cached_property
     def clearance_m(self) -> NDArray[np.float32]:
