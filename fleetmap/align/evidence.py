@@ -72,7 +72,7 @@ def weigh(a: Walls, b: Walls, T_a_b: Pose2) -> Evidence:
 
 
 def roughly(a: Walls, b: Walls, rows: Floats) -> tuple[Floats, Floats]:
-    """(n,) what is left of the explained wall for each pose (n, 3), rows (x, y, yaw), and the explained: by points of b."""
+    """(n,) about the score of each pose (n, 3), rows (x, y, yaw), and what it explains: by some points of b."""
     from fleetmap.align import match_kernels
 
     each = max(1, len(b.table) // ROUGH_POINTS)

@@ -54,6 +54,7 @@ class Edge:
     middle_um : (x, y) in the map frame of ``a``, of what both have
     confirmed : by a robot other than that of ``a``
     explained_mm : how much wall it explains
+    submaps : of ``a`` and ``b``, that were compared
     """
 
     a: Key
@@ -62,6 +63,7 @@ class Edge:
     middle_um: tuple[int, int]
     confirmed: bool
     explained_mm: int
+    submaps: tuple[str, str] = ("0", "0")
 
 
 def said_by_all(streams: Iterable[Stream]) -> list[Said]:
@@ -119,7 +121,8 @@ def edges_of(said: Iterable[Said], streams: Iterable[Stream]) -> list[Edge]:
         except ConfigError:
             continue  # beyond what a pose may be: there is no such place
         middle_um = T_a_own.apply_um(*fact.middle_um)
-        found.append(Edge(each.author, each.other, T_a_b, middle_um, bool(each.confirmed_by), each.explained_mm))
+        confirmed, submaps = bool(each.confirmed_by), (fact.submap, fact.other[2])
+        found.append(Edge(each.author, each.other, T_a_b, middle_um, confirmed, each.explained_mm, submaps))
     found.sort(key=rank)
     best: dict[frozenset[Key], Edge] = {}
     for edge in found:

@@ -8,14 +8,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fleetmap.codecs.facts import Facts
 from fleetmap.engine.alignments import Edge, Said, edges_of, rank, said_by_all
 from fleetmap.engine.stream import Key, Stream
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.pose import FixedPose, shift_round
+from fleetmap.model.pose import FarPose, FixedPose, shift_round
 
 LOOP_UM, LOOP_COS_Q30 = 300_000, 1_073_578_288
 """Around a loop of alignments one comes back to within so much of where one was, in the middle of what was aligned,
@@ -56,11 +56,11 @@ class Core:
 
     Attributes
     ----------
-    poses : where each lies in the frame of one of them
+    poses : where each lies in the frame of one of them, be that as far off as one of them says
     tree : the edges that connect them, one fewer than they are
     """
 
-    poses: dict[Key, FixedPose]
+    poses: dict[Key, FarPose]
     tree: list[Edge] = field(default_factory=list)
 
     def robots(self) -> set[str]:
@@ -101,10 +101,7 @@ def components_of(streams: Iterable[Stream]) -> Components:
     fleet: dict[str, Key] = {}
     for core in cores:
         if id(core) not in hooks:
-            frame, pose = frame_of(core, by_key)
-            # All that have a start lie in one frame, on each level.
-            name = frame if by_key[frame].start is None else fleet.setdefault(by_key[frame].level, frame)
-            put(placed, core, name, frame, pose)
+            placed |= in_a_frame(core, by_key, fleet)
     for key, stream in by_key.items():  # most of a thousand are by themselves
         if key not in connected:
             start = stream.start
@@ -120,7 +117,10 @@ def components_of(streams: Iterable[Stream]) -> Components:
                 pose = T_name_b @ edge.T_a_b.inverse()
             except ConfigError:
                 name, pose = edge.a, FixedPose()
-            put(placed, core, name, edge.a, pose)
+            try:
+                placed |= {key: (name, there) for key, there in core.spread(edge.a, pose).items()}
+            except ConfigError:
+                placed |= {key: (key, FixedPose()) for key in core.poses}
         todo = [core for core in todo if core not in ready]
     return Components(placed, tuple(said), tuple(lost))
 
@@ -143,46 +143,50 @@ class Remembered:
         return components
 
 
-def put(placed: dict[Key, tuple[Key, FixedPose]], core: Core, name: Key, key: Key, pose: FixedPose) -> None:
-    """Place a core; beyond what a pose may be, each of its streams is by itself."""
-    try:
-        placed |= {other: (name, there) for other, there in core.spread(key, pose).items()}
-    except ConfigError:
-        placed |= {other: (other, FixedPose()) for other in core.poses}
+def in_a_frame(core: Core, streams: Mapping[Key, Stream], fleet: dict[str, Key]) -> dict[Key, tuple[Key, FixedPose]]:
+    """Place a core in the frame of one of its streams; in no frame if that puts any of it beyond what a pose may be.
+
+    Parameters
+    ----------
+    fleet : by level the stream that names the frame in which all starts lie; the first one is added
+    """
+    for frame, pose in frames_of(core, streams):
+        try:
+            poses = core.spread(frame, pose)
+        except ConfigError:
+            continue
+        stream = streams[frame]
+        name = frame if stream.start is None else fleet.setdefault(stream.level, frame)
+        return {key: (name, there) for key, there in poses.items()}
+    return {key: (key, FixedPose()) for key in core.poses}
 
 
 def cores_of(streams: Iterable[Key], edges: Sequence[Edge]) -> tuple[list[Core], list[Edge]]:
     """Connect streams, the most supported edges first; and the edges that contradict those before them."""
-    of = {key: Core({key: FixedPose()}) for key in streams}
+    of = {key: Core({key: FarPose()}) for key in streams}
     lost = []
     for edge in by_support(edges):
         one, other = of[edge.a], of[edge.b]
         if one is other:
-            if not fits(edge, one.poses):
+            if not closes(edge, one.poses[edge.a].inverse(), one.poses[edge.b]):
                 lost.append(edge)
             continue
-        try:
-            T_one_other = one.poses[edge.a] @ edge.T_a_b @ other.poses[edge.b].inverse()
-            moved = {key: T_one_other @ pose for key, pose in other.poses.items()}
-        except ConfigError:
-            lost.append(edge)
-            continue
+        T_one_other = one.poses[edge.a] @ edge.T_a_b @ other.poses[edge.b].inverse()
+        if len(other.poses) > len(one.poses):  # one who says that it is far off moves nobody else
+            one, other, T_one_other = other, one, T_one_other.inverse()
+        moved = {key: T_one_other @ pose for key, pose in other.poses.items()}
         one.poses |= moved
         one.tree += [*other.tree, edge]
         of |= dict.fromkeys(moved, one)
     return list({id(core): core for core in of.values()}.values()), lost
 
 
-def fits(edge: Edge, poses: Mapping[Key, FixedPose]) -> bool:
-    """Whether an edge says the same as two poses in a common frame."""
-    try:
-        return closes(edge, poses[edge.a].inverse(), poses[edge.b])
-    except ConfigError:  # beyond what a pose may be
-        return False
-
-
 def by_support(edges: Sequence[Edge]) -> list[Edge]:
-    """The edges by how many robots close a triangle with each, then by rank."""
+    """The edges by how many robots close a triangle with each, then by rank.
+
+    Of a stream with several submaps those by another one than its best come after all others: how its submaps lie to
+    each other is its own word, and mustn't move two others.
+    """
     ways: dict[Key, dict[Key, FixedPose]] = {}
     for edge in edges:
         for key in (edge.a, edge.b):
@@ -192,7 +196,12 @@ def by_support(edges: Sequence[Edge]) -> list[Edge]:
         except ConfigError:
             continue
         ways[edge.a][edge.b] = edge.T_a_b
-    return sorted(edges, key=lambda edge: (-support(edge, ways), rank(edge)))
+    by_rank = sorted(edges, key=lambda edge: (-support(edge, ways), rank(edge)))
+    best: dict[Key, str] = {}
+    for edge in by_rank:
+        for key, submap in zip((edge.a, edge.b), edge.submaps, strict=True):
+            best.setdefault(key, submap)
+    return sorted(by_rank, key=lambda edge: (best[edge.a], best[edge.b]) != edge.submaps)
 
 
 def support(edge: Edge, ways: Mapping[Key, Mapping[Key, FixedPose]]) -> int:
@@ -244,17 +253,17 @@ def hang(cores: Sequence[Core], edges: Sequence[Edge]) -> dict[int, Edge]:
     return hooks
 
 
-def frame_of(core: Core, streams: Mapping[Key, Stream]) -> tuple[Key, FixedPose]:
-    """Which stream gives a component its frame, and where it lies there.
+def frames_of(core: Core, streams: Mapping[Key, Stream]) -> Iterator[tuple[Key, FixedPose]]:
+    """Streams that may give a component its frame, the first one that fits does, and where each lies there.
 
     That of the smallest robot name, its first life; if any has a start, of those. Of the core alone: who hangs itself
     on it turns nobody's map.
     """
     keys = sorted(core.poses)
     started = [key for key in keys if streams[key].start is not None]
-    robot = (started or keys)[0][0]
-    first = first_life([streams[key] for key in started or keys if key[0] == robot])
-    return first.key, first.start or FixedPose()
+    for robot in dict.fromkeys(robot for robot, _ in started or keys):
+        first = first_life([streams[key] for key in started or keys if key[0] == robot])
+        yield first.key, first.start or FixedPose()
 
 
 def first_life(lives: Sequence[Stream]) -> Stream:

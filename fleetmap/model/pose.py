@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -101,20 +102,22 @@ class FixedPose:
         """The same transform in metres and radians."""
         return Pose2(self.x_um / 1e6, self.y_um / 1e6, math.atan2(self.sin_q30, self.cos_q30))
 
-    def __matmul__(self, other: FixedPose) -> FixedPose:
+    def __matmul__(self, other: FixedPose) -> Self:
         """Compose in Python integers; each component is rounded half up once."""
         c, s = self.cos_q30, self.sin_q30
-        return FixedPose(
+        return type(self)(
             self.x_um + shift_round(c * other.x_um - s * other.y_um, 30),
             self.y_um + shift_round(s * other.x_um + c * other.y_um, 30),
-            shift_round(c * other.cos_q30 - s * other.sin_q30, 30),
-            shift_round(s * other.cos_q30 + c * other.sin_q30, 30),
+            *as_rotation(
+                shift_round(c * other.cos_q30 - s * other.sin_q30, 30),
+                shift_round(s * other.cos_q30 + c * other.sin_q30, 30),
+            ),
         )
 
-    def inverse(self) -> FixedPose:
+    def inverse(self) -> Self:
         """``T_b_a`` of this ``T_a_b``; the offset is rounded half up once."""
         c, s = self.cos_q30, self.sin_q30
-        return FixedPose(
+        return type(self)(
             shift_round(-c * self.x_um - s * self.y_um, 30), shift_round(s * self.x_um - c * self.y_um, 30), c, -s
         )
 
@@ -122,6 +125,24 @@ class FixedPose:
         """A point in whole micrometres, mapped through this transform and rounded half up once."""
         c, s = self.cos_q30, self.sin_q30
         return self.x_um + shift_round(c * x_um - s * y_um, 30), self.y_um + shift_round(s * x_um + c * y_um, 30)
+
+
+class FarPose(FixedPose):
+    """A pose on the way of a computation: it may lie beyond ``MAX_UM``, and what is composed from it, too."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Any is allowed."""
+
+
+def as_rotation(cos_q30: int, sin_q30: int) -> tuple[int, int]:
+    """The same direction as a rotation: in a long chain of poses the roundings add up, and would scale the map."""
+    square = cos_q30**2 + sin_q30**2
+    if abs(square - Q30**2) <= Q30 << 2:
+        return cos_q30, sin_q30
+    length = math.isqrt(square)
+    return ((cos_q30 << 30) + length // 2) // length, ((sin_q30 << 30) + length // 2) // length
 
 
 def shift_round(value: int, bits: int) -> int:

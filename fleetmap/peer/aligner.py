@@ -9,7 +9,7 @@ from contextlib import suppress
 from functools import partial
 
 from fleetmap.align.protocol import Alignment
-from fleetmap.codecs.facts import FactsStep, alignment, verdict
+from fleetmap.codecs.facts import FactsStep, alignments_of, verdicts_of
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.threads import ProcessEnds, in_thread
 from fleetmap.peer.pairs import Job, Pairs, Snapshot
@@ -18,8 +18,9 @@ logger = logging.getLogger(__name__)
 
 LOOK_S = 0.5
 """Between two looks for a pair that is due, while none is."""
-MOST_SAID = 256
-"""Alignments and verdicts of one robot; a fleet of thirty has as many pairs for each as it has robots."""
+MOST_SAID, MOST_SAID_OF_ONE = 256, 24
+"""Alignments and verdicts of one robot, and of these about any other one; a fleet of thirty has as many pairs for each
+as it has robots."""
 LEAST_REST_S = 0.01
 SHARE = 3.0
 """After a job that took t it rests for so many times t: it takes at most a quarter of a core."""
@@ -82,14 +83,16 @@ class Aligner:
             took_s = self._clock() - began_s
             if result is not None:
                 logger.debug("%s: %s and %s: %s", self._robot, job.a.frame, job.b.frame, result.text)
-                await self._tell(self.pairs.found(job, result, now.own), now)
+                await self._tell(self.pairs.found(job, result, now.own), now, of=job.robot)
             await self._rest(SHARE * took_s)
 
-    async def _tell(self, step: FactsStep, now: Snapshot) -> None:
+    async def _tell(self, step: FactsStep, now: Snapshot, *, of: str = "") -> None:
         """Say it, unless too much is said already: strangers who invent robots must not fill this one's stream."""
         new = [key for key, value in step.items() if value is not None and key not in now.own.facts]
-        said = len(now.own.facts.of(alignment.KIND)) + len(now.own.facts.of(verdict.KIND))
-        if not step or (new and said >= MOST_SAID):
+        alignments, verdicts = alignments_of(now.own.facts), verdicts_of(now.own.facts)
+        of_one = sum(fact.other[0] == of for fact in alignments) + sum(each.about[0] == of for each in verdicts)
+        is_enough = len(alignments) + len(verdicts) >= MOST_SAID or of_one >= MOST_SAID_OF_ONE
+        if not step or (new and is_enough):
             return
         try:
             await self._say(step)

@@ -83,6 +83,11 @@ class Job:
     known: FixedPose | None = None
     about: About | None = None
 
+    @property
+    def robot(self) -> str:
+        """For whose sake."""
+        return self.b.frame[0] if self.about is None else self.about[0]
+
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
@@ -137,19 +142,24 @@ class Pairs:
     Attributes
     ----------
     looks : of own maps and those of others
-    judged : of alignments of others: how much wall both maps had then
+    judged : of alignments of others: the place that was looked at, and how much wall both maps had then
+    served : by robot when something was last looked at for its sake: who says much isn't served before the others
     """
 
     looks: dict[tuple[Frame, Frame], Look] = field(default_factory=dict)
-    judged: dict[About, tuple[float, float]] = field(default_factory=dict)
+    judged: dict[About, tuple[FixedPose, tuple[float, float]]] = field(default_factory=dict)
+    served: dict[str, int] = field(default_factory=dict)
 
     def tidy(self, now: Snapshot) -> FactsStep:
         """Forget streams that aren't held any more; what is to be taken back of what was said of them."""
         self.looks = {pair: look for pair, look in self.looks.items() if pair[1][:2] in now.held}
-        self.judged = {about: walls_m for about, walls_m in self.judged.items() if about[:2] in now.held}
+        self.judged = {about: judged for about, judged in self.judged.items() if about[:2] in now.held}
+        self.served = {robot: when for robot, when in self.served.items() if robot in {key[0] for key in now.held}}
+        merged = {stream.key for stream in now.streams}
         step: dict[bytes, bytes | None] = {}
         for fact in alignments_of(now.own.facts):
-            if fact.other[:2] not in now.held:
+            # Who is forgotten here may not be elsewhere, and there a place tells.
+            if fact.other[:2] not in (now.held if fact.outcome == "committed" else merged):
                 step |= drop_alignment(fact.submap, fact.other)
         for verdict in verdicts_of(now.own.facts):
             if verdict.about[:2] not in now.held:
@@ -157,26 +167,33 @@ class Pairs:
         return step
 
     def next(self, now: Snapshot) -> Job | None:
-        """What is to be looked at next: words of others first, then the pair that has grown most since."""
-        return self._to_confirm(now) or self._to_find(now)
+        """What is to be looked at next: robots by turns, of each its word first, then the pair that has grown most."""
+        due = self._to_find(now) | self._to_confirm(now)
+        if not due:
+            return None
+        robot = min(due, key=lambda robot: (self.served.get(robot, 0), robot))
+        self.served[robot] = max(self.served.values(), default=0) + 1
+        return due[robot]
 
-    def _to_confirm(self, now: Snapshot) -> Job | None:
+    def _to_confirm(self, now: Snapshot) -> dict[str, Job]:
+        """By author one of the alignments that are to be judged."""
         streams = {stream.key: stream for stream in (*now.streams, now.own)}
-        verdicts = {verdict.about: verdict for verdict in verdicts_of(now.own.facts)}
+        due: dict[str, Job] = {}
         for said in now.said:
-            if said.fact.outcome != "committed" or not self._is_judge(said, now):
+            if said.author[0] in due or said.fact.outcome != "committed" or not self._is_judge(said, now):
                 continue
             author, other = streams.get(said.author), streams.get(said.other)
             a, b = _side(author, said.fact.submap), _side(other, said.fact.other[2])
             if a is None or b is None:
                 continue
             about = *said.author, said.fact.subject
-            place, middle_um = said.fact.T_own_other, said.fact.middle_um
-            verdict, walls_m = verdicts.get(about), self.judged.get(about)
-            same = verdict is not None and near(verdict.T_own_other, place, middle_um, SAME_UM // 2, SAME_COS_Q30)
-            if walls_m is None or not same or _growth(walls_m, (a, b)) >= GROWN:
-                return Job(a, b, known=said.fact.T_own_other, about=about)
-        return None
+            place, judged = said.fact.T_own_other, self.judged.get(about)
+            if judged is not None:
+                same = near(judged[0], place, said.fact.middle_um, SAME_UM // 2, SAME_COS_Q30)
+                if same and _growth(judged[1], (a, b)) < GROWN:
+                    continue
+            due[said.author[0]] = Job(a, b, known=place, about=about)
+        return due
 
     def _is_judge(self, said: Said, now: Snapshot) -> bool:
         me, author, other = now.own.robot, said.author[0], said.other[0]
@@ -185,8 +202,9 @@ class Pairs:
         there = {robot for robot, _ in now.there} | {me}
         return me == (other if other in there and other != author else min(there - {author}))
 
-    def _to_find(self, now: Snapshot) -> Job | None:
-        due = []
+    def _to_find(self, now: Snapshot) -> dict[str, Job]:
+        """By robot the pair that has grown most, of those that have grown enough."""
+        due: dict[str, tuple[float, Side, Side, Stream]] = {}
         for stream in now.streams:
             if (
                 stream.level != now.own.level
@@ -196,13 +214,16 @@ class Pairs:
                 continue
             for name in sorted(now.own.submaps):
                 for theirs in sorted(stream.submaps):
-                    sides = _side(now.own, name), _side(stream, theirs)
-                    if sides[0] is not None and sides[1] is not None:
-                        due.append((self._urgency(sides[0], sides[1], now.own, stream), sides[0], sides[1], stream))
-        due = [each for each in due if each[0] > 1]
-        if not due:
-            return None
-        _, a, b, stream = max(due, key=lambda each: (each[0], each[2].frame, each[1].frame))
+                    a, b = _side(now.own, name), _side(stream, theirs)
+                    if a is None or b is None:
+                        continue
+                    urgency = self._urgency(a, b, now.own, stream)
+                    if urgency > max(1.0, due[stream.robot][0] if stream.robot in due else 0.0):
+                        due[stream.robot] = urgency, a, b, stream
+        return {robot: self._search(now, a, b, stream) for robot, (_, a, b, stream) in due.items()}
+
+    def _search(self, now: Snapshot, a: Side, b: Side, stream: Stream) -> Job:
+        """Where a map of another robot lies in an own one."""
         look, fact, known = self.looks.get((a.frame, b.frame)), _said(now.own, a, b), None
         if look is not None and fact is not None and fact.outcome == "committed":
             known = fact.T_own_other if fact.weight.explained / 1e3 < LOOK_ANEW * look.whole_m else None
@@ -218,15 +239,16 @@ class Pairs:
             return float("inf")
         fact = _said(own, a, b)
         kept = fact is not None and fact.outcome in KEPT
-        if not kept and (prior := prior_of(own, a.frame[2], other, b.frame[2])) is not None and prior != look.prior:
+        is_sure = fact is not None and fact.outcome == "committed"
+        if not is_sure and (prior := prior_of(own, a.frame[2], other, b.frame[2])) is not None and prior != look.prior:
             return float("inf")
         return _growth(look.walls_m, (a, b)) / (GROWN if kept else GROWN_AFTER_REFUSAL)
 
     def failed(self, job: Job) -> None:
         """Note that a pair can't be looked at, as these maps are."""
         walls_m = job.a.wall_m, job.b.wall_m
-        if job.about is not None:
-            self.judged[job.about] = walls_m
+        if job.about is not None and job.known is not None:
+            self.judged[job.about] = job.known, walls_m
         else:
             self.looks.setdefault((job.a.frame, job.b.frame), Look(walls_m)).walls_m = walls_m
 
@@ -237,7 +259,7 @@ class Pairs:
             assert job.known is not None
             holds = result.outcome == "committed" and _is_at(result, job.known, SAME_UM)
             explained_mm = round(result.evidence.explained_m * 1e3) if holds and result.evidence else 0
-            self.judged[job.about] = walls_m
+            self.judged[job.about] = job.known, walls_m
             verdict = Verdict(job.about, job.known, explained_mm)
             before = next((verdict for verdict in verdicts_of(own.facts) if verdict.about == job.about), None)
             return {} if before is not None and _judges_as_much(before, verdict) else set_verdict(verdict)
