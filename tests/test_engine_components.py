@@ -10,10 +10,19 @@ import numpy as np
 import pytest
 from alignment_histories import Said, confirms, costs_its_own_place, place, run_revocation, run_schedule, says
 
-from fleetmap.codecs.facts import name_lives, set_anchor, set_level, set_start
+from fleetmap.codecs.facts import (
+    AlignmentFact,
+    Weight,
+    name_lives,
+    set_alignment,
+    set_anchor,
+    set_level,
+    set_start,
+)
 from fleetmap.codecs.facts.facts import Facts
+from fleetmap.engine.alignments import near
 from fleetmap.engine.components import components_of
-from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.pose import MAX_UM, Q30, FixedPose, Pose2
 
 A, B, C, D = [(name, 1) for name in "abcd"]
 
@@ -183,3 +192,52 @@ def test_forty_robots_that_all_found_each_other_are_placed_in_a_moment() -> None
     found = components_of(streams)
     assert time.process_time() - began_s < 0.6  # 0.13 s; it was 1.2 s
     assert len(found.members(("r00", 1))) == 40
+
+
+def test_fifty_robots_in_a_chain_stay_one_fleet() -> None:
+    """Rotations that are composed fifty times are rotations still."""
+    rng = np.random.default_rng(5)
+    keys = [(f"r{k:02}", 1) for k in range(50)]
+    said = Said({key: place(rng) for key in keys})
+    for a, b in itertools.pairwise(keys):
+        said.align(a, b)
+    found = said.components()
+    assert found.members(keys[0]) == keys
+    assert found.lost == ()
+    assert said.is_true(found, keys[0], keys[-1], most_m=1e-3)
+
+
+@pytest.mark.parametrize("name", ["a", "z"])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_who_says_that_it_is_at_the_end_of_the_world_pushes_nobody_over_it(name: str, sign: int) -> None:
+    rng = np.random.default_rng(6)
+    one, other, far = ("r1", 1), ("r2", 1), (name, 1)
+    said = Said({one: place(rng), other: place(rng), far: Pose2()})
+    said.align(one, other)
+    fact = AlignmentFact("0", (*far, "0"), "committed", FixedPose(sign * (MAX_UM - 3_000_000)), weight=Weight(90_000))
+    said.say(one, set_alignment(fact))
+    said.say(far, confirms(one, fact))
+    found = said.components()
+    assert found.lost == ()
+    assert found.poses[one][0] == found.poses[other][0]
+    assert said.is_true(found, one, other, most_m=0.02)
+
+
+def test_how_the_submaps_of_one_robot_lie_moves_no_two_others() -> None:
+    """A stranger copies the maps of two robots, and says of itself how both copies lie to each other."""
+    said = four()
+    said.align(A, B, explained_m=20.0)
+    identity = Weight(explained=200_000)
+    for honest, submap in ((A, "0"), (B, "1")):
+        fact = AlignmentFact(submap, (*honest, "0"), "committed", FixedPose(), weight=identity)
+        said.say(D, set_alignment(fact))
+        said.say(honest, confirms(D, fact))
+    said.say(D, set_anchor("1", FixedPose.from_pose(Pose2(40.0, 0.0, 1.0))))
+    found = said.components()
+    assert [(edge.a, edge.b) for edge in found.lost] == [(D, B)]
+    assert said.is_true(found, A, B)
+
+
+def test_a_place_with_the_most_that_rounding_allows_is_near_itself() -> None:
+    odd = FixedPose(0, 0, Q30, 92_681)
+    assert near(odd, odd, (0, 0), 1, Q30 - 8)

@@ -30,7 +30,7 @@ from fleetmap.codecs.facts import (
 from fleetmap.engine import Stream
 from fleetmap.engine.alignments import said_by_all
 from fleetmap.model.errors import ConfigError
-from fleetmap.model.pose import FixedPose, Pose2
+from fleetmap.model.pose import Q30, FixedPose, Pose2
 from fleetmap.peer import Peer, aligner
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
 from fleetmap.peer.pairs import Job, Pairs, Snapshot
@@ -296,6 +296,57 @@ def test_what_was_said_of_streams_that_are_gone_is_taken_back() -> None:
     assert pairs.tidy(snapshot(own, r2, r3)) == {}
     assert pairs.tidy(snapshot(own, r3)) == drop_alignment("0", fact.other)
     assert pairs.tidy(snapshot(own)) == {**drop_alignment("0", fact.other), **drop_verdict(verdict.about)}
+
+
+def test_who_says_much_is_not_served_before_the_others() -> None:
+    """A stranger says a false place after the other, and shows many maps; the other robot is looked at all the same."""
+    a, b = vectorize(PAIR.a), vectorize(PAIR.b)
+    r1, r2 = stream("r1", 1, a), stream("r2", 2, b)
+    maps = {f"s{k:03}": b for k in range(40)}
+    pairs, looked = Pairs(), []
+    for k in range(6):
+        fact = AlignmentFact("s000", ("r1", 1, "0"), "committed", FixedPose(k * 1_000_000), weight=Weight(90_000))
+        z = replace(stream("z", 9, b, set_alignment(fact)), submaps=maps)
+        job = pairs.next(snapshot(r1, r2, z))
+        assert job is not None
+        looked.append(job.robot)
+        nothing = Alignment("too_small", None, ((0.0,) * 3,) * 3, (0.0, 0.0), None, None, "")
+        pairs.found(job, nothing, r1)
+    assert looked == ["r2", "z", "z", "z", "z", "z"]
+    # What grows meanwhile has its turn.
+    assert pairs.next(snapshot(stream("r1", 1, vectorize(PAIR.b)), r2, z)) is not None
+
+
+def test_what_was_judged_is_not_judged_again_whatever_became_of_the_verdict() -> None:
+    a, b = vectorize(PAIR.a), vectorize(PAIR.b)
+    fact = AlignmentFact("0", ("r1", 1, "0"), "committed", FixedPose(0, 0, Q30, 92_681), weight=Weight(90_000))
+    r1, r2 = stream("r1", 1, a), stream("r2", 2, b, set_alignment(fact))
+    pairs = Pairs()
+    job = pairs.next(snapshot(r1, r2))
+    assert job is not None
+    assert job.about is not None
+    pairs.failed(job)
+    again = pairs.next(snapshot(r1, r2))
+    assert again is not None
+    assert again.about is None
+
+
+async def test_a_stranger_with_many_maps_does_not_fill_what_a_robot_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(aligner, "MOST_SAID_OF_ONE", 5)
+    hub = MemoryHub(LoopClock())
+    async with (
+        fleetmap.join("r1", link=hub.link("r1")) as one,
+        fleetmap.join("r2", link=hub.link("r2")) as two,
+        fleetmap.join("z", link=hub.link("z")) as stranger,
+    ):
+        await one.publish(PAIR.a)
+        for k in range(12):
+            await stranger.publish(two_rooms(), submap=f"s{k:02}")
+        await one.synced(at_least=2)
+        await one.aligned(PATIENCE_S)
+        assert sum(alignment.a[0] == "r1" for alignment in one.alignments) == 5
+        await two.publish(PAIR.b)
+        await until(one, lambda: any(a.b[0] == "r2" and bool(a.confirmed_by) for a in one.alignments))
 
 
 async def test_a_map_that_can_not_be_looked_at_costs_its_own_place_and_nobody_elses(
