@@ -13,6 +13,7 @@ from conftest import two_rooms
 from fleetmap.align.align import align, align_walls, decide, hypotheses
 from fleetmap.align.protocol import Prior
 from fleetmap.align.walls import mirrored, walls_of
+from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import UNKNOWN
 from fleetmap.model.map_server import save_map
@@ -98,6 +99,14 @@ def test_a_map_in_a_mirror_is_the_map_of_the_mirrored_grid():
     assert math.hypot(found.T_a_b.x_m, found.T_a_b.y_m) < 0.01
     assert abs(found.T_a_b.yaw_rad) < 0.001
     np.testing.assert_array_equal(mirrored(one).points_xy, walls_of(vectorize(grid)).points_xy)
+
+
+def test_a_map_that_would_take_all_memory_is_refused():
+    states = np.zeros((300, 300), np.uint8)
+    states[::299] = states[:, ::299] = 100
+    yard = vectorize(OccupancyGrid(states, 3.0, Pose2()))
+    with pytest.raises(ConfigError, match=r"894 m x 894 m in cells of 3 m.*expected at most 360000 m2"):
+        align(yard, yard)
 
 
 def test_maps_without_walls_are_too_small():

@@ -19,12 +19,14 @@ from fleetmap.align.protocol import Alignment
 from fleetmap.codecs.facts import (
     AlignmentFact,
     Facts,
+    Seen,
     Verdict,
     Weight,
     alignments_of,
     drop_alignment,
     drop_verdict,
     set_alignment,
+    set_landmark,
     set_verdict,
 )
 from fleetmap.engine import Stream
@@ -262,6 +264,49 @@ def test_a_place_counts_once_it_is_found_again_in_maps_that_have_grown() -> None
     assert look(31.0, Pose2(9.0, 0.0, 0.0)) == "provisional"
     # So much can't be chance.
     assert look(70.0, Pose2(9.0, 0.0, 0.0)) == "committed"
+
+
+def test_a_landmark_settles_what_is_provisional_though_no_map_grows() -> None:
+    a, b = vectorize(PAIR.a), vectorize(PAIR.b)
+    assert PAIR.T_a_b is not None
+    place = FixedPose.from_pose(PAIR.T_a_b)
+    before = set_alignment(AlignmentFact("0", ("r2", 2, "0"), "provisional", place, weight=Weight(30_000)))
+    r1, r2 = stream("r1", 1, a, before), stream("r2", 2, b)
+    pairs = Pairs()
+    job = pairs.next(snapshot(r1, r2))
+    assert job is not None
+    nothing_new = Alignment("committed", PAIR.T_a_b, ((1e-6,) * 3,) * 3, (0.0, 0.0), None, None, "")
+    pairs.found(job, nothing_new, r1)
+    assert pairs.next(snapshot(r1, r2)) is None
+    tag = Pose2(1.0, 2.0, 0.5)
+    r1 = stream("r1", 1, a, before | set_landmark("tag", Seen(FixedPose.from_pose(PAIR.T_a_b @ tag), (0, 0))))
+    r2 = stream("r2", 2, b, set_landmark("tag", Seen(FixedPose.from_pose(tag), (0, 0))))
+    job = pairs.next(snapshot(r1, r2))
+    assert job is not None
+    assert job.prior is not None
+    (fact,) = alignments_of(r1.facts.after(pairs.found(job, aligner.work(job), r1)))
+    assert fact.outcome == "committed"
+
+
+async def test_who_has_no_map_and_no_start_sees_what_most_robots_have_become() -> None:
+    hub = MemoryHub(LoopClock())
+    async with (
+        fleetmap.join("r1", link=hub.link("r1")) as one,
+        fleetmap.join("r2", link=hub.link("r2")) as two,
+        fleetmap.join("a", link=hub.link("a")) as apart,
+        fleetmap.join("0", link=hub.link("0")) as guest,
+    ):
+        await one.publish(PAIR.a)
+        await two.publish(PAIR.b)
+        await apart.publish(two_rooms())
+        await until(guest, lambda: any(bool(alignment.confirmed_by) for alignment in guest.alignments))
+        merged = await guest.synced(at_least=3)
+        assert (guest.frame, guest.T_fleet_robot, guest.T_merged_robot) == ("r1", None, None)
+        assert merged.digest == (await one.refresh()).digest == (await two.refresh()).digest
+        # With a map of its own it is alone with that.
+        await guest.publish(two_rooms())
+        assert (await guest.refresh()).digest != merged.digest
+        assert guest.frame == "0"
 
 
 def test_the_other_robot_of_the_pair_judges_or_else_the_smallest_name_that_is_there() -> None:

@@ -120,6 +120,8 @@ def sentence(
         case "ambiguous":
             return f"both show one room, and hardly more: others may be alike ({found})"
         case "provisional":
-            return f"{found}; counts once it is found again in maps that have grown"
+            return (
+                f"{found}; counts once it is found again in maps that have grown, or a landmark or sighting confirms it"
+            )
         case _:
             return f"{found}; the next best place explains {second_m:.1f} m"

@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
+from fleetmap.model.errors import ConfigError
 from fleetmap.model.grid import OccupancyGrid
 from fleetmap.model.lattice import FREE, UNKNOWN
 from fleetmap.model.vectormap import OBSTACLE_LABELS, VectorMap
@@ -32,6 +33,8 @@ LOOSE_M, LASTING = 1.2, 0.1
 """What stands free and is no larger may have been moved: where the other map has it not, so much of it counts."""
 INDEX_M = 0.3
 """Of the cells in which the nearest point is looked for."""
+MOST_M2, MOST_CELLS = 360_000.0, 150_000_000
+"""A map in a larger box, of square metres or its cells, takes gigabytes; two of 400 m by 400 m take 600 MB and 5 s."""
 
 
 class Index(NamedTuple):
@@ -115,9 +118,15 @@ class Walls:
 
 @functools.lru_cache(8)
 def walls_of(vector_map: VectorMap) -> Walls:
-    """The walls of a vector map, in metres of its frame. The last few are kept: maps are looked at again and again."""
+    """The walls of a vector map, in metres of its frame. The last few are kept: maps are looked at again and again.
+
+    Raises
+    ------
+    ConfigError : the map is too large
+    """
     from fleetmap.vectorize import rasterize
 
+    check_size(vector_map)
     rows = vector_map.edges
     segments = vector_map.segments_xy[vector_map.obstacle]
     free_left = rows[vector_map.obstacle, 4] == OBSTACLE_LABELS[0]
@@ -126,6 +135,22 @@ def walls_of(vector_map: VectorMap) -> Walls:
     grid = rasterize(vector_map) if len(rows) else None
     states, corner = coarse(grid) if grid is not None else (np.full((1, 1), UNKNOWN, np.uint8), np.zeros(2))
     return Walls(points, normals, lengths, lengths * lasting[which], which, states, corner)
+
+
+def check_size(vector_map: VectorMap) -> None:
+    """Refuse a map that would take all memory, and be looked at for minutes."""
+    if vector_map.bounds_yx is None:
+        return
+    y0, x0, y1, x1 = vector_map.bounds_yx
+    cell_m = vector_map.lattice.resolution_um / 1e6
+    height_m, width_m = (y1 - y0) * cell_m, (x1 - x0) * cell_m
+    if height_m * width_m > MOST_M2 or (y1 - y0) * (x1 - x0) > MOST_CELLS:
+        raise ConfigError(
+            option="map",
+            value=f"{width_m:.0f} m x {height_m:.0f} m in cells of {cell_m:g} m",
+            reason=f"too large to be aligned: expected at most {MOST_M2:.0f} m2 and {MOST_CELLS} cells, as of "
+            "600 m x 600 m in cells of 0.05 m. Is the resolution right?",
+        )
 
 
 def mirrored(walls: Walls) -> Walls:

@@ -13,6 +13,8 @@ from fleetmap.model.errors import ConfigError
 from fleetmap.model.pose import Pose2
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
     from PIL.Image import Image
 
     from fleetmap.align.evidence import Evidence
@@ -24,6 +26,10 @@ LEVEL = "L1"
 """What Open-RMF's traffic editor calls the first level."""
 
 LONGEST_PX = 1600
+NEAR_M = 0.15
+"""Walls so near to each other are one, as the aligner has it."""
+LINE_PX = 18
+INK_BOTH, PAPER = (40, 40, 40), (246, 246, 246)
 INK_A, INK_B, FREE_A, FREE_B = (30, 60, 120), (200, 70, 40), (214, 226, 244), (250, 224, 214)
 
 
@@ -76,7 +82,8 @@ def align(
     found = find(map_a, map_b)
     document = as_document(a, b, found)
     if png is not None and found.T_a_b is not None:
-        overlay(rasterize(map_a), rasterize(map_b), found.T_a_b).save(png)
+        picture = overlay(rasterize(map_a), rasterize(map_b), found.T_a_b)
+        legend(picture, a, b, f"{found.outcome}: {found.text}").save(png)
         document["png"] = str(png)
     committed = found.outcome == "committed"
     if as_json:
@@ -130,8 +137,8 @@ def as_document(a: Path, b: Path, found: Alignment) -> dict[str, Any]:
         "x_m": None if pose is None else pose.x_m,
         "y_m": None if pose is None else pose.y_m,
         "yaw_rad": None if pose is None else pose.yaw_rad,
-        "covariance": [list(row) for row in found.covariance],
-        "middle_xy": list(found.middle_xy),
+        "covariance": [list(row) for row in found.covariance] if found.outcome == "committed" else None,
+        "middle_xy": list(found.middle_xy) if found.outcome == "committed" else None,
         "evidence": _evidence(found.evidence),
         "second": _evidence(found.second),
     }
@@ -149,8 +156,11 @@ def _print(document: dict[str, Any]) -> None:
     if document["x_m"] is None:
         return
     x, y, yaw = document["x_m"], document["y_m"], document["yaw_rad"]
-    certain = "" if document["outcome"] == "committed" else " (the best guess; don't rely on it)"
-    typer.echo(f"b in a: x {x:.3f} m, y {y:.3f} m, yaw {math.degrees(yaw):.3f} degrees{certain}")
+    where = f"x {x:.3f} m, y {y:.3f} m, yaw {math.degrees(yaw):.3f} degrees"
+    if document["outcome"] != "committed":
+        typer.echo(f"the best guess, which is not to be relied on: b in a: {where}")
+        return
+    typer.echo(f"b in a: {where}")
     typer.echo(
         f"as a transform of ROS 2: ros2 run tf2_ros static_transform_publisher --x {x:.4f} --y {y:.4f} "
         f"--yaw {yaw:.6f} --frame-id a --child-frame-id b"
@@ -158,9 +168,10 @@ def _print(document: dict[str, Any]) -> None:
 
 
 def overlay(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_a_b: Pose2) -> Image:
-    """Both maps in the frame of a: walls of a blue, of b red, free floor of either pale."""
+    """Both maps in the frame of a: walls of a blue, of b red, what both have dark, free floor of either pale."""
     import numpy as np
     from PIL import Image
+    from scipy.ndimage import maximum_filter
 
     from fleetmap.model.lattice import FREE, OCCUPIED
 
@@ -174,8 +185,9 @@ def overlay(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_a_b: Pose2) -> Image
     columns, rows = np.ceil((high - low) / step).astype(int) + 1
     x, y = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * step, low[1] + (np.arange(rows) + 0.5) * step)
     points = np.stack([x, y], axis=-1).reshape(-1, 2)
-    picture = np.full((rows * columns, 3), 246, np.uint8)
+    picture = np.full((rows * columns, 3), PAPER, np.uint8)
     inks = ((grid_a, grid_a.origin, FREE_A, INK_A), (grid_b, T_a_b @ grid_b.origin, FREE_B, INK_B))
+    walls: list[NDArray[np.bool_]] = []
     for state in (FREE, OCCUPIED):  # walls over floors
         for grid, T_a_grid, pale, dark in inks:
             cells = np.floor(T_a_grid.inverse().apply(points) / grid.resolution_m).astype(int)
@@ -183,4 +195,30 @@ def overlay(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_a_b: Pose2) -> Image
             hit = np.zeros(len(points), bool)
             hit[inside] = grid.states_yx()[cells[inside, 1], cells[inside, 0]] == state
             picture[hit] = np.minimum(picture[hit], pale) if state == FREE else np.array(dark, np.uint8)
+            walls += [hit.reshape(rows, columns)] if state == OCCUPIED else []
+    near = 2 * math.ceil(NEAR_M / step) + 1
+    both = [wall & maximum_filter(other, near) for wall, other in (walls, walls[::-1])]
+    picture[(both[0] | both[1]).ravel()] = INK_BOTH
     return Image.fromarray(picture.reshape(rows, columns, 3)[::-1])
+
+
+def legend(picture: Image, a: Path, b: Path, verdict: str) -> Image:
+    """The picture with what its colours mean below it, and the outcome."""
+    from PIL import Image, ImageDraw
+
+    lines = [
+        (INK_BOTH, "walls that both have"),
+        (INK_A, f"walls of A alone: {Path(*a.parts[-2:])}"),
+        (INK_B, f"walls of B alone: {Path(*b.parts[-2:])}"),
+        (None, verdict),
+    ]
+    width = max(picture.width, *(30 + 7 * len(text) for _, text in lines))
+    whole = Image.new("RGB", (width, picture.height + LINE_PX * len(lines) + 8), PAPER)
+    whole.paste(picture, (0, 0))
+    draw = ImageDraw.Draw(whole)
+    for k, (ink, text) in enumerate(lines):
+        y = picture.height + 4 + LINE_PX * k
+        if ink is not None:
+            draw.rectangle((6, y + 3, 18, y + 13), fill=ink)
+        draw.text((26 if ink is not None else 6, y), text, fill="black", font_size=13)
+    return whole

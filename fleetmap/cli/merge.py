@@ -302,7 +302,8 @@ def _print(result: Result, out: Path) -> None:
             typer.echo(f"{path}: " + "\n  ".join(result.left_out[k]))
         else:
             yaw = math.degrees(pose.yaw_rad)
-            typer.echo(f"{path}: x {pose.x_m:.3f} m, y {pose.y_m:.3f} m, yaw {yaw:.3f} degrees")
+            again = f"--pose {pose.x_m:.4f},{pose.y_m:.4f},{pose.yaw_rad:.6f}"
+            typer.echo(f"{path}: x {pose.x_m:.3f} m, y {pose.y_m:.3f} m, yaw {yaw:.3f} degrees ({again})")
     if result.merged is None:
         typer.echo(f"nothing written: {result.why_not}")
         return

@@ -14,8 +14,9 @@ from fleetmap.align.walls import walls_of
 from fleetmap.model.pose import Pose2
 from fleetmap.model.vectormap import VectorMap
 
-APART_M, APART_RAD = 0.3, math.radians(1.0)
-"""Two ways around a loop of pairs that differ by more contradict each other."""
+APART_M, APART_RAD = 0.3, math.radians(3.0)
+"""Two ways around a loop of pairs that differ by more contradict each other. Real maps are bent: one of two that have
+little in common is turned by more than a degree, though it lies within centimetres."""
 
 Pair = tuple[int, int]
 """(a, b), a < b: the places of two maps in the list."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fleetmap.codecs.messages import Revision
 from fleetmap.engine.components import Components
-from fleetmap.engine.stream import Stream
+from fleetmap.engine.stream import Key, Stream
 from fleetmap.merge.protocol import Source
 from fleetmap.model.errors import ConfigError
 from fleetmap.model.frame import Frame
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What belongs to the component that holds the own robot.
+    """What belongs to one component: the own robot's, or who has no map and no start sees that of the most robots.
 
     Parameters
     ----------
@@ -43,15 +43,19 @@ class View:
 def view(engine: Engine) -> View:
     """All streams of the own component: those that alignments connect with the own one, and those that have a start.
 
-    A stream that nothing connects is a component of its own, in its robot's map frame.
+    A stream that nothing connects is a component of its own, in its robot's map frame. Who has neither a map nor a
+    start, an operator's computer, sees what most robots have become; of equal ones that of the smallest name.
     """
     streams, components = engine.placed_streams(), engine.components()
-    members = set(components.members(engine.own.key))
+    seen = engine.own.key
+    if alone(engine.own, components) and not engine.own.edges:
+        seen = most_robots(streams, components) or seen
+    members = set(components.members(seen))
     mine = [stream for stream in streams if stream.key in members]
     sources, unplaced = sources_of(mine, components)
     revisions = tuple((s.robot, s.revision) for s in mine)
     own = None if alone(engine.own, components) else components.pose(engine.own.key)
-    name, _ = components.poses[engine.own.key]
+    name, _ = components.poses[seen]
     started = any(stream.key == name and stream.start is not None for stream in mine)
     return View(
         tuple(sources), revisions, tuple(unplaced), poses_of(mine, components), own, None if started else name[0]
@@ -61,6 +65,15 @@ def view(engine: Engine) -> View:
 def alone(own: Stream, components: Components) -> bool:
     """Whether nothing says where a stream lies."""
     return own.start is None and components.members(own.key) == [own.key]
+
+
+def most_robots(streams: Iterable[Stream], components: Components) -> Key | None:
+    """The name of the component with the most robots that have a map; None if there is none."""
+    robots: dict[Key, set[str]] = {}
+    for stream in streams:
+        if stream.edges:
+            robots.setdefault(components.poses[stream.key][0], set()).add(stream.robot)
+    return min(robots, key=lambda name: (-len(robots[name]), name), default=None)
 
 
 def poses_of(streams: Iterable[Stream], components: Components) -> tuple[FixedPose, ...]:

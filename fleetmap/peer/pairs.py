@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from fleetmap.align.accept import strength
 from fleetmap.align.protocol import Alignment, Prior
 from fleetmap.codecs.facts import (
     About,
@@ -42,8 +43,8 @@ GROWN, GROWN_AFTER_REFUSAL = 1.1, 1.2
 """A pair is looked at again when either map has so many times as much wall."""
 GAINED, GAINED_M = 1.2, 10.0
 """What was found is true when it is found again after what both have has grown so much, or by so much wall."""
-CERTAIN_M, CERTAIN_RIVAL = 60.0, 0.2
-"""So much wall, where the next best place explains so little of it, is enough the first time."""
+CERTAIN, CERTAIN_RIVAL = 50.0, 0.2
+"""A place so strong (``accept.strength``), of which the next best one explains so little, is enough the first time."""
 LOOK_ANEW = 2.0
 """A place that is known is looked up, and others aren't looked at, until so many times as much wall is explained."""
 MOVED_UM, MOVED_COS_Q30 = 30_000, 1_073_740_189
@@ -301,7 +302,8 @@ class Pairs:
         if not again:
             look.first_m = explained_m
         second_m = result.second.explained_m if result.second else 0.0
-        certain = explained_m >= CERTAIN_M and second_m <= CERTAIN_RIVAL * explained_m
+        strong = result.evidence is not None and strength(result.evidence) >= CERTAIN
+        certain = strong and second_m <= CERTAIN_RIVAL * explained_m
         grown = again and explained_m >= min(GAINED * look.first_m, look.first_m + GAINED_M)
         was = again and before is not None and before.outcome == "committed"
         told = job.prior is not None

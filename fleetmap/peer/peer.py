@@ -736,6 +736,8 @@ class Peer:
             for key, text in found.items():
                 if key not in told:
                     logger.warning("%s: %s", self.robot, text)
+            for kind, robot in sorted(told - found.keys()):
+                logger.info("%s: over: %s%s", self.robot, kind, f" ({robot})" if robot else "")
             told = set(found)
 
     def _feed(self, items: Iterable[Input], now_s: float) -> None:
