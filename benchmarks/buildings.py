@@ -16,6 +16,8 @@ Kinds:
 - ``corridor``: a long corridor with few doors, of which each robot has seen a part
 - ``bent``: as ``same``, the second map bent by 0.03 degrees a metre and 0.3 % too large
 - ``visits``: as ``same``, at two times: boxes and chairs stand where they didn't, one to each 8 to 60 m2 of floor
+- ``wings``: two wings that are alike, moved, turned by 180 degrees or mirrored, and a middle that is not; the parts
+  overlap by a tenth at least, which often is the middle alone
 
     python benchmarks/buildings.py [--each 3] [--out DIR]
 
@@ -156,6 +158,36 @@ def corridor(rng: np.random.Generator) -> Made:
     return floor, floor, 0.15, 0.8, 0.5
 
 
+def wings(rng: np.random.Generator) -> Made:
+    """A corridor with uneven rooms, a middle with a niche or two, and the same corridor and rooms again."""
+    depth, corridor = int(rng.integers(60, 100)), int(rng.integers(32, 48))
+    sides = [side(rng.permutation(rng.integers(50, 120, int(rng.integers(4, 8)))), depth, rng) for _ in range(2)]
+    length = min(part.shape[1] for part in sides)
+    wing = np.vstack([sides[0][:, :length], np.zeros((corridor, length), bool), sides[1][::-1, :length]])
+    other = {0: wing, 1: wing[::-1, ::-1], 2: wing[:, ::-1]}[int(rng.integers(3))]
+    middle = np.ones((len(wing), int(rng.integers(120, 280))), bool)
+    middle[depth : depth + corridor] = False
+    for _ in range(int(rng.integers(1, 4))):
+        column, width, deep = int(rng.integers(10, 80)), int(rng.integers(16, 40)), int(rng.integers(10, 50))
+        rows = slice(depth - deep, depth) if rng.random() < 0.5 else slice(depth + corridor, depth + corridor + deep)
+        middle[rows, column : column + width] = False
+    floor = np.hstack([wing, middle, other])
+    floor[:, :WALL_CELLS] = floor[:, -WALL_CELLS:] = True
+    return floor, floor, 0.1, 1.0, 0.75
+
+
+def side(widths: NDArray[np.int64], depth: int, rng: np.random.Generator) -> Mask:
+    """Rooms of those widths in a row, each with a door somewhere in its lower wall."""
+    rooms = []
+    for width in widths.tolist():
+        room = np.zeros((depth, width), bool)
+        room[:WALL_CELLS] = room[-WALL_CELLS:] = room[:, :WALL_CELLS] = True
+        at = int(rng.integers(6, width - 24))
+        room[-WALL_CELLS:, at : at + 18] = False
+        rooms.append(room)
+    return np.hstack(rooms)
+
+
 def clutter(solid: Mask, rng: np.random.Generator) -> Mask:
     """The floor with boxes and chairs on it, of which only legs are seen."""
     floor = solid.copy()
@@ -182,6 +214,7 @@ KINDS: dict[str, Callable[[np.random.Generator], Made]] = {
     "corridor": corridor,
     "bent": one(0.25, 1.0),
     "visits": one(0.25, 1.0),
+    "wings": wings,
 }
 WITHOUT_TRUTH = ("different", "mirrored")
 
