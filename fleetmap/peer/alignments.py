@@ -13,6 +13,14 @@ from fleetmap.engine.stream import Stream
 from fleetmap.model.frame import Frame
 from fleetmap.model.pose import Pose2
 
+WHAT_NEXT = {
+    "committed": "; waits for another robot to confirm it",
+    "provisional": "",
+    "ambiguous": "; saw_landmark() of what both have seen, or saw() of each other, would tell",
+    "conflict": "",
+    "too_small": "; when both have seen more of the same, it is looked at again",
+}
+"""What a user may do, or wait for."""
 STARTS_DIFFER_M, STARTS_DIFFER_RAD = 0.05, math.radians(0.5)
 
 
@@ -98,8 +106,7 @@ def not_merged(engine: Engine) -> dict[str, str]:
         pair = {said.author[0], said.other[0]}
         if own.robot in pair and (other := pair - {own.robot}) <= apart and other:
             info = alignment_info(said, lost=(said.author, said.other) in lost)
-            waits = "; waits for another robot to confirm it" if info.outcome == "committed" else ""
-            found[other.pop()] = f"{info.outcome} ({info.text}{waits})"
+            found[other.pop()] = f"{info.outcome} ({info.text}){WHAT_NEXT[info.outcome]}"
     return found
 
 
