@@ -15,6 +15,8 @@ import time
 import numpy as np
 
 import fleetmap
+from fleetmap.align.align import align_walls
+from fleetmap.align.walls import walls_of
 from fleetmap.engine.view import View, view
 from fleetmap.model.lattice import Lattice
 from fleetmap.model.pose import Pose2
@@ -116,9 +118,16 @@ class HonestPeer:
         return change
 
 
+def load_all() -> None:
+    """What a robot loads once it has something to align: not to be counted as what an attack has made it grow by."""
+    seen = walls_of(rooms(3, 1, 0))
+    align_walls(seen, seen)
+
+
 async def main(robot: str, options: dict[str, object]) -> None:
     loop = asyncio.get_running_loop()
     count, row = int(options.pop("count")), int(options.pop("row"))  # type: ignore[call-overload]
+    load_all()
     async with fleetmap.join(robot, start=Pose2(), **options) as peer:  # type: ignore[arg-type]
         honest = HonestPeer(peer, count=count, row=row)
         watching = asyncio.create_task(honest.watch())

@@ -52,7 +52,8 @@ def check(outcome: Outcome, factor: float) -> None:
     assert outcome.lies == []
     assert outcome.right_s <= RIGHT_S * factor
     assert outcome.recovered_s <= RECOVERY_S * factor
-    assert outcome.growth_bytes <= GROWTH_BYTES
+    # Where all gets slower, more of it waits in the queues of the transport.
+    assert outcome.growth_bytes <= GROWTH_BYTES * min(factor / FACTOR, 2.0)
     assert max(outcome.under_s) <= max(SLOWEST_S * factor, SLOWER * max(outcome.quiet_s)) * factor
 
 

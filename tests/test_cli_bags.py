@@ -148,8 +148,10 @@ def test_a_bag_a_bridge_and_a_simulated_robot_are_one_fleet_that_is_recorded_and
             until(shared)
         until(lambda: (tmp_path / "RUN" / "stats.json").exists())  # it has explored all
         until(lambda: next(p.edges for p in observer.peers if p.robot == "bag") >= 16)
-        merged = observer.synced(WAIT_S, at_least=4)
-        time.sleep(2.0)  # the recorder folds once a second
+        before = None
+        while (merged := observer.synced(WAIT_S, at_least=4)).digest != before:
+            before = merged.digest
+            time.sleep(2.0)  # the recorder folds once a second
         recorder.send_signal(signal.SIGINT)
         out, err = recorder.communicate(timeout=WAIT_S)
     assert recorder.returncode == 0, err
