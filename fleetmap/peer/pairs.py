@@ -155,7 +155,8 @@ class Pairs:
         """Forget streams that aren't held any more; what is to be taken back of what was said of them."""
         self.looks = {pair: look for pair, look in self.looks.items() if pair[1][:2] in now.held}
         self.judged = {about: judged for about, judged in self.judged.items() if about[:2] in now.held}
-        self.served = {robot: when for robot, when in self.served.items() if robot in {key[0] for key in now.held}}
+        robots = {robot for robot, _ in now.held}
+        self.served = {robot: when for robot, when in self.served.items() if robot in robots}
         merged = {stream.key for stream in now.streams}
         step: dict[bytes, bytes | None] = {}
         for fact in alignments_of(now.own.facts):
@@ -169,12 +170,13 @@ class Pairs:
 
     def next(self, now: Snapshot) -> Job | None:
         """What is to be looked at next: robots by turns, of each its word first, then the pair that has grown most."""
-        due = self._to_find(now) | self._to_confirm(now)
-        if not due:
+        words, pairs = self._to_confirm(now), self._to_find(now)
+        robots = words.keys() | pairs.keys()
+        if not robots:
             return None
-        robot = min(due, key=lambda robot: (self.served.get(robot, 0), robot))
+        robot = min(robots, key=lambda robot: (self.served.get(robot, 0), robot))
         self.served[robot] = max(self.served.values(), default=0) + 1
-        return due[robot]
+        return words[robot] if robot in words else self._search(now, *pairs[robot][1:])
 
     def _to_confirm(self, now: Snapshot) -> dict[str, Job]:
         """By author one of the alignments that are to be judged."""
@@ -203,8 +205,8 @@ class Pairs:
         there = {robot for robot, _ in now.there} | {me}
         return me == (other if other in there and other != author else min(there - {author}))
 
-    def _to_find(self, now: Snapshot) -> dict[str, Job]:
-        """By robot the pair that has grown most, of those that have grown enough."""
+    def _to_find(self, now: Snapshot) -> dict[str, tuple[float, Side, Side, Stream]]:
+        """By robot the pair that has grown most, of those that have grown enough, and how much."""
         due: dict[str, tuple[float, Side, Side, Stream]] = {}
         for stream in now.streams:
             if (
@@ -221,7 +223,7 @@ class Pairs:
                     urgency = self._urgency(a, b, now.own, stream)
                     if urgency > max(1.0, due[stream.robot][0] if stream.robot in due else 0.0):
                         due[stream.robot] = urgency, a, b, stream
-        return {robot: self._search(now, a, b, stream) for robot, (_, a, b, stream) in due.items()}
+        return due
 
     def _search(self, now: Snapshot, a: Side, b: Side, stream: Stream) -> Job:
         """Where a map of another robot lies in an own one."""
