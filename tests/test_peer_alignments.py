@@ -31,7 +31,7 @@ from fleetmap.codecs.facts import (
 )
 from fleetmap.engine import Stream
 from fleetmap.engine.alignments import said_by_all
-from fleetmap.model.errors import ConfigError
+from fleetmap.model.errors import ConfigError, NoPath
 from fleetmap.model.pose import Q30, FixedPose, Pose2
 from fleetmap.peer import Peer, aligner
 from fleetmap.peer.memory_link import LoopClock, MemoryHub
@@ -303,6 +303,8 @@ async def test_who_has_no_map_and_no_start_sees_what_most_robots_have_become() -
         merged = await guest.synced(at_least=3)
         assert (guest.frame, guest.T_fleet_robot, guest.T_merged_robot) == ("r1", None, None)
         assert merged.digest == (await one.refresh()).digest == (await two.refresh()).digest
+        with pytest.raises(NoPath, match="neither a map nor a start"):
+            guest.plan((0.0, 0.0), (1.0, 0.0), radius_m=0.1)
         # With a map of its own it is alone with that.
         await guest.publish(two_rooms())
         assert (await guest.refresh()).digest != merged.digest

@@ -42,10 +42,10 @@ def strength(evidence: Evidence) -> float:
     return evidence.lines + LINES_PER_M * evidence.explained_m - against
 
 
-def is_enough(evidence: Evidence) -> bool:
+def is_enough(evidence: Evidence, least: float = LEAST_STRENGTH) -> bool:
     """Whether so much doesn't meet by chance."""
     many = evidence.explained_m >= LEAST_M and evidence.lines >= LEAST_LINES
-    return many and strength(evidence) >= LEAST_STRENGTH
+    return many and strength(evidence) >= least
 
 
 def is_contradicted(evidence: Evidence) -> bool:
@@ -76,8 +76,7 @@ def rival(best: Evidence, elsewhere: Iterable[Evidence]) -> Evidence | None:
 
 def is_hardly_chance(evidence: Evidence) -> bool:
     """Whether another place fits so well that the building must repeat itself."""
-    many = evidence.explained_m >= LEAST_M and evidence.lines >= LEAST_LINES
-    return many and strength(evidence) >= MOST_CHANCE
+    return is_enough(evidence, MOST_CHANCE)
 
 
 def judge(best: Evidence, second: Evidence | None) -> str:

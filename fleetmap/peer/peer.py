@@ -557,6 +557,12 @@ class Peer:
                 status="outside",
                 reason="nothing has been merged yet: call refresh(), or wait for changes(), and plan then",
             )
+        if not is_fleet(frame) and self.T_merged_robot is None and self.frame != self.robot:
+            raise NoPath(
+                status="outside",
+                reason="this robot has neither a map nor a start, and nothing says where it lies in the merged map: "
+                'publish a map, or plan in the frame of that, with frame="fleet"',
+            )
         try:
             return plan_in_frame(
                 self.merged, start_xy, goal_xy, T_frame_fleet=T_frame_merged, radius_m=radius_m, margin_m=margin_m

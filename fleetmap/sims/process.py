@@ -123,6 +123,8 @@ class Child:
     async def take_in(self) -> None:
         """The merged map and the teammates, as they are now."""
         merged = await self.peer.refresh()
+        if not self._published and self.peer.T_merged_robot is None:
+            return  # without a map of its own it is shown that of others, and doesn't know where it lies in it
         self.agent.find_itself(self.peer.T_merged_robot or Pose2())
         mates = [
             Teammate(mate.robot, (mate.pose.x_m, mate.pose.y_m), mate.goal_xy)
