@@ -26,8 +26,6 @@ LEVEL = "L1"
 """What Open-RMF's traffic editor calls the first level."""
 
 LONGEST_PX = 1600
-NEAR_M = 0.15
-"""Walls so near to each other are one, as the aligner has it."""
 LINE_PX = 18
 INK_BOTH, PAPER = (40, 40, 40), (246, 246, 246)
 INK_A, INK_B, FREE_A, FREE_B = (30, 60, 120), (200, 70, 40), (214, 226, 244), (250, 224, 214)
@@ -173,6 +171,7 @@ def overlay(grid_a: OccupancyGrid, grid_b: OccupancyGrid, T_a_b: Pose2) -> Image
     from PIL import Image
     from scipy.ndimage import maximum_filter
 
+    from fleetmap.align.evidence import NEAR_M
     from fleetmap.model.lattice import FREE, OCCUPIED
 
     step = min(grid_a.resolution_m, grid_b.resolution_m)
