@@ -8,11 +8,11 @@ from fleetmap.align.evidence import Evidence
 
 LEAST_M, LEAST_LINES = 8.0, 4
 """Less wall than that, or on fewer lines, may meet by chance."""
-LEAST_STRENGTH = 15.0
+LEAST_STRENGTH = 18.0
 LINES_PER_M, LINES_PER_CONFLICT_M = 0.5, 15.0
 """A line of wall counts as two metres of it, and a tenth of a metre that is contradicted takes one and a half off. Of
-2000 generated pairs with nothing, or hardly anything, in common one came to 13.5, of those whose mirror image didn't
-fit as well."""
+11 000 generated pairs with nothing, or hardly anything, in common four came to 15 to 17.9, of those that nothing else
+speaks against."""
 CONFLICT_M, CONFLICT_SHARE = 0.1, 0.045
 """So much may be contradicted in any case, and so much of what is explained: things are moved between two visits."""
 LEAST_SEEN = 0.7
