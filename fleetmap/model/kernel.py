@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints, overload
 
 from fleetmap.model import kernel_cache, kernel_compiler
 from fleetmap.model.interrupts import interrupts_later
@@ -45,23 +45,33 @@ saving = threading.Lock()
 """Held while a file is written; a process that ends itself at once waits for it, so that no half one is left."""
 
 
-def kernel(signature: str, *, inline: Literal["never", "always"] = "never") -> Callable[[F], F]:
-    """Compile a function for ``signature`` when it is defined, or load what was compiled before.
+@overload
+def kernel(signature: F) -> F: ...
+@overload
+def kernel(signature: str | None = None, *, inline: Literal["never", "always"] = "never") -> Callable[[F], F]: ...
+def kernel(
+    signature: str | F | None = None, *, inline: Literal["never", "always"] = "never"
+) -> F | Callable[[F], F]:
+    """Compile a function when it is defined, or load what was compiled before.
 
     Parameters
     ----------
-    signature : numba's, as ``i8(i8[:,::1], i8)``
+    signature : numba's, as ``i8(i8[:,::1], i8)``; without it the annotations of the parameters say the types: ``int``,
+        ``float``, ``bool``, an alias of ``model.kernel_types``, or a ``NamedTuple`` of these
     inline : ``always`` for what is too small to be called; numba's own option
 
     Returns
     -------
-    A decorator that gives numba's dispatcher: kernels call each other. With ``NUMBA_DISABLE_JIT=1`` it gives the
+    numba's dispatcher, or a decorator that gives it: kernels call each other. With ``NUMBA_DISABLE_JIT=1`` it is the
     function itself.
 
     Raises
     ------
     Stopped : the thread was told to stop waiting for kernels, see ``compile_ahead``
+    TypeError : an annotation that says no type of numba's
     """
+    if callable(signature):
+        return kernel()(signature)
 
     def compile_or_load(function: F) -> F:
         if not JIT:
@@ -72,11 +82,30 @@ def kernel(signature: str, *, inline: Literal["never", "always"] = "never") -> C
             dispatcher._cache = KernelCache(function)
             # What numba.njit does with a signature, but with our cache.
             with numba.core.typeinfer.register_dispatcher(dispatcher):
-                dispatcher.compile(signature)
+                dispatcher.compile(signature or _parameter_types(function))
             dispatcher.disable_compile()
         return cast(F, dispatcher)
 
     return compile_or_load
+
+
+def _parameter_types(function: Callable[..., object]) -> tuple[Any, ...]:
+    """numba's types of a function's parameters, by their annotations."""
+    hints = get_type_hints(function, include_extras=True)
+    hints.pop("return", None)
+    return tuple(_numba_type(hint, f"{name} of {function.__qualname__}") for name, hint in hints.items())
+
+
+def _numba_type(hint: Any, name: str) -> Any:
+    if hint in (int, float, bool):
+        return {int: numba.int64, float: numba.float64, bool: numba.boolean}[hint]
+    if get_origin(hint) is Annotated:
+        return numba.core.sigutils.normalize_signature(f"({get_args(hint)[1]},)")[0][0]
+    if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
+        fields = get_type_hints(hint, include_extras=True)
+        types = [_numba_type(fields[field], f"{field} of {hint.__name__}") for field in hint._fields]
+        return numba.types.NamedTuple(types, hint)
+    raise TypeError(f"{name}: {hint} says no type of numba's")
 
 
 class KernelFiles(caching.IndexDataCacheFile):
@@ -158,6 +187,11 @@ class KernelCache(caching.FunctionCache):
         except OSError as error:
             kernel_compiler.could_not_save(folder, error)
 
+    def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
+        """numba's own, with the signature in words: an index is read before the types that it names are defined."""
+        _, *others = super()._index_key(sig, codegen)
+        return (str(sig), *others)
+
     def _files(self, folder: Path) -> KernelFiles:
         return _files(folder, self._source, self._base)
 
@@ -167,7 +201,7 @@ def cached_in(module: str) -> Path | None:
     source = kernel_cache.source_of(module)
     folders = kernel_cache.reading_folders(source)
     found = None
-    for name in re.findall(r"^@kernel\(.*?^def (\w+)", source.read_text("utf-8"), re.M | re.S):
+    for name in re.findall(r"^@kernel\b.*?^def (\w+)", source.read_text("utf-8"), re.M | re.S):
         base = _file_base(source, name)
         found = next((f for f in folders if _files(f, source, base).has(_machine())), None)
         if found is None:

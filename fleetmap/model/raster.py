@@ -143,10 +143,17 @@ def _states(
         reach = np.full((len(sides), 2), step, np.int64)
         blocked = _paint(doubled[surfaces], sides, reach, step, low_yx, free)
         states[(blocked == 1) & ~free] = OCCUPIED
-    elif profile == "share":
-        hidden = (left != FREE) & (right != FREE)
-        if hidden.any():
-            states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
+    # Between occupied and unknown: as thick as they say; those of former versions, which don't, enclose what they mean.
+    hidden = (left != FREE) & (right != FREE) if profile == "share" else np.zeros(len(rows), bool)
+    thick = hidden & (rows[:, THICKNESS] > 0)
+    hidden &= ~thick
+    if hidden.any():
+        states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
+    if thick.any():
+        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[thick]
+        reach = np.full((len(sides), 2), step, np.int64)
+        reach[:, 0] = 2 * np.maximum(rows[thick, THICKNESS], step)
+        states[(_paint(doubled[thick], sides, reach, step, low_yx, free) == 1) & ~free] = OCCUPIED
 
     walls = rows[:, OBSTACLE] == 1
     edges, left, right = doubled[walls], left[walls], right[walls]

@@ -172,7 +172,8 @@ def verify(
     # 4. to 6. Faces.
     in_state: NDArray[np.uint8] | None = None
     if len(crossings) == 0:
-        defects, in_state = _find_face_defects(cells, edges, share=share, identity=points == "boundary")
+        encloses = vector_map.thickness == 0
+        defects, in_state = _find_face_defects(cells, edges, encloses, share=share, identity=points == "boundary")
         for kind, place, detail in defects:
             report(kind, [place], detail)
 
@@ -208,17 +209,18 @@ def verify(
 
 
 def _find_face_defects(
-    cells: GridCells, edges: NDArray[np.int64], *, share: bool, identity: bool
+    cells: GridCells, edges: NDArray[np.int64], encloses: NDArray[np.bool_], *, share: bool, identity: bool
 ) -> tuple[list[tuple[str, NDArray[np.float64], str]], NDArray[np.uint8] | None]:
     """What is wrong with the faces of edges that don't cross, (kind, (y, x) in cells of the lattice, detail).
 
-    Beside it the state of the face that each cell's centre lies in, unless edges disagree about that.
+    Beside it the state of the face that each cell's centre lies in, unless edges disagree about that. Hidden edges of
+    ``share`` that are as thick as they say needn't enclose anything.
     """
     left, right = np.divmod(edges[:, 4], 3)
     by_cell = cells.states
     found: list[tuple[str, NDArray[np.float64], str]] = []
     if share:
-        hidden = np.flatnonzero((left != FREE) & (right != FREE))
+        hidden = np.flatnonzero((left != FREE) & (right != FREE) & encloses)
         for edge, detail in find_odd_outlines(edges[hidden, :4], left[hidden], right[hidden]):
             found.append(("sides", edges[hidden[edge], :2].astype(np.float64), detail))
         left, right, by_cell = (np.where(s == FREE, s, UNKNOWN).astype(s.dtype) for s in (left, right, by_cell))
