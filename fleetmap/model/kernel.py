@@ -49,9 +49,7 @@ saving = threading.Lock()
 def kernel(signature: F) -> F: ...
 @overload
 def kernel(signature: str | None = None, *, inline: Literal["never", "always"] = "never") -> Callable[[F], F]: ...
-def kernel(
-    signature: str | F | None = None, *, inline: Literal["never", "always"] = "never"
-) -> F | Callable[[F], F]:
+def kernel(signature: str | F | None = None, *, inline: Literal["never", "always"] = "never") -> F | Callable[[F], F]:
     """Compile a function when it is defined, or load what was compiled before.
 
     Parameters
@@ -90,7 +88,7 @@ def kernel(
 
 
 def _parameter_types(function: Callable[..., object]) -> tuple[Any, ...]:
-    """numba's types of a function's parameters, by their annotations."""
+    """Numba's types of a function's parameters, by their annotations."""
     hints = get_type_hints(function, include_extras=True)
     hints.pop("return", None)
     return tuple(_numba_type(hint, f"{name} of {function.__qualname__}") for name, hint in hints.items())
@@ -188,7 +186,7 @@ class KernelCache(caching.FunctionCache):
             kernel_compiler.could_not_save(folder, error)
 
     def _index_key(self, sig: object, codegen: object) -> tuple[object, ...]:
-        """numba's own, with the signature in words: an index is read before the types that it names are defined."""
+        """Numba's own, with the signature in words: an index is read before the types that it names are defined."""
         _, *others = super()._index_key(sig, codegen)
         return (str(sig), *others)
 

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fleetmap.model.kernel import kernel
-from fleetmap.model.kernel_types import Bytes, Image, Ints, Points, Rows, Shorts
-from fleetmap.vectorize.boundary_kernels import Boundary
+from fleetmap.model.kernel_types import Bytes, Ints, Points, Rows, Shorts
 from fleetmap.vectorize.fewest_kernels import is_near
-from fleetmap.vectorize.nodes_kernels import Rules, distance2, is_at_border
+from fleetmap.vectorize.tiles.boundary_kernels import Boundary
+from fleetmap.vectorize.tiles.nodes_kernels import Rules, distance2, is_at_border
 
 TAIL_Y, TAIL_X, HEAD_Y, HEAD_X, LABEL, THICK = range(6)
 """Columns of edges; they are walked with the lesser state on their left."""
@@ -25,8 +25,10 @@ MOST_STANDS = 6
 
 
 class Steps(NamedTuple):
-    """The boundary point by point, a unit apart: point m of arc ``arc_of[m]``; ``first`` (size + 3, size + 3) is one of
-    those at a point of the lattice, from (-1, -1) on, and ``next`` another one, or -1. ``turns``: it is a corner.
+    """The boundary point by point, a unit apart.
+
+    ``arc_of`` says which arc a point is of, ``turns`` whether it is a corner. ``first`` (size + 3, size + 3) is one of
+    the points at each place of the lattice, from (-1, -1) on, ``next`` another one there, or -1.
     """
 
     points: Points
@@ -38,8 +40,9 @@ class Steps(NamedTuple):
 
 
 class Chain(NamedTuple):
-    """Corners of arcs and the vertices among them, as ``simplify_arcs`` takes them; ``old`` is the edge that is kept
-    from a corner on, or -1.
+    """Corners of arcs and the vertices among them, as ``simplify_arcs`` takes them.
+
+    ``old`` is the edge that is kept from a corner on, or -1.
     """
 
     points: Points
@@ -192,7 +195,9 @@ def holds_between(boundary: Boundary, steps: Steps, rules: Rules, edge: Ints, a:
             return True
         if m == a:
             return False
-        if steps.turns[m] and not is_near(16 * points[m, 0] + fy, 16 * points[m, 1] + fx, ay, ax, by, bx, rules.epsilon2):
+        if steps.turns[m] and not is_near(
+            16 * points[m, 0] + fy, 16 * points[m, 1] + fx, ay, ax, by, bx, rules.epsilon2
+        ):
             return False
 
 

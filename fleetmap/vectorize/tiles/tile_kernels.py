@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from fleetmap.model.kernel import kernel
-from fleetmap.model.kernel_types import Bytes, Image, Ints, Points, Rows, Shorts
-from fleetmap.vectorize.boundary_kernels import Boundary, Tile, trace
+from fleetmap.model.kernel_types import Bytes, Image, Ints, Points, Rows
 from fleetmap.vectorize.edge_kernels import EDGE_COLUMNS, list_edges
-from fleetmap.vectorize.keep_kernels import HEAD_X, HEAD_Y, LABEL, TAIL_X, TAIL_Y, THICK, Chain, keep
 from fleetmap.vectorize.network_kernels import build_network, farthest_corner
-from fleetmap.vectorize.nodes_kernels import Rules, is_at_border, place_nodes
 from fleetmap.vectorize.simplify_kernels import simplify_arcs
-from fleetmap.vectorize.states_kernels import Mosaic, cut_out
-from fleetmap.vectorize.thickness_kernels import settle_thickness
+from fleetmap.vectorize.tiles.boundary_kernels import Boundary, Tile, trace
+from fleetmap.vectorize.tiles.keep_kernels import HEAD_X, HEAD_Y, LABEL, TAIL_X, TAIL_Y, Chain, keep
+from fleetmap.vectorize.tiles.nodes_kernels import Rules, is_at_border, is_node, place_nodes
+from fleetmap.vectorize.tiles.states_kernels import Mosaic, cut_out
+from fleetmap.vectorize.tiles.thickness_kernels import settle_thickness
 
 HALO = 52
 """Cells around a tile that it looks at: walls are measured 48 cells deep."""
@@ -61,9 +61,7 @@ def count_edges(boundary: Boundary, chain: Chain, is_vertex: Bytes, arc: int) ->
 
 
 @kernel
-def keep_off_borders(
-    boundary: Boundary, chain: Chain, at: Points, is_vertex: Bytes, stops: Bytes, size: int
-) -> bool:
+def keep_off_borders(boundary: Boundary, chain: Chain, at: Points, is_vertex: Bytes, stops: Bytes, size: int) -> bool:
     """Make a stop of the deepest corner of each edge that lies on a border of another tile; whether there was any."""
     arcs = len(boundary.labels)
     most = int(is_vertex.sum()) + 1
@@ -112,7 +110,7 @@ def build(boundary: Boundary, chain: Chain, rules: Rules, size: int) -> Chain:
     for arc in range(arcs):
         for m in (np.int64(chain.offsets[arc]), np.int64(chain.offsets[arc + 1] - 1)):
             if not boundary.closed[arc]:
-                fixed[m] = is_at_border(chain.points[m, 0], chain.points[m, 1], size)
+                fixed[m] = is_node(boundary, chain.points[m, 0], chain.points[m, 1], size)
     stops = chain.stops.copy()
     while True:
         at, is_vertex = chain.at.copy(), np.zeros(n, np.uint8)

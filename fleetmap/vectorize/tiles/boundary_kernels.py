@@ -30,8 +30,10 @@ class Tile(NamedTuple):
 
 
 class Boundary(NamedTuple):
-    """Arcs: corners (y, x) of one after the other, an open one with both its ends; arc i has ``offsets[i]`` to
-    ``offsets[i + 1]``. ``labels`` are 3 * left + right; ``cracks`` those of all points from (-1, -1) to (size, size).
+    """Arcs: the corners (y, x) of one after the other, of open ones with both ends.
+
+    Arc i has the corners ``offsets[i]`` to ``offsets[i + 1]``; ``labels`` are 3 * left + right. ``cracks`` are those of
+    all points from (-1, -1) to (size, size).
     """
 
     points: Points

@@ -1,7 +1,7 @@
 """Kernels that keep the states of cells tile by tile: what a grid changed, and what becomes of it without specks.
 
-Tile (ty, tx) holds the cells from (size * ty, size * tx) on; one that isn't stored is unknown altogether. States: FREE =
-0, OCCUPIED = 1, UNKNOWN = 2.
+Tile (ty, tx) holds the cells from (size * ty, size * tx) on; one that isn't stored is unknown altogether. States:
+FREE = 0, OCCUPIED = 1, UNKNOWN = 2.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Mosaic(NamedTuple):
 
 
 class Window(NamedTuple):
-    """Cells of a grid: cell (0, 0) is the lattice's cell (low_y, low_x); up to ``free`` per cent, from ``occupied`` on."""
+    """A grid: its cell (0, 0) is the lattice's cell (low_y, low_x); free up to, occupied from so many per cent."""
 
     cells: Cells
     low_y: int

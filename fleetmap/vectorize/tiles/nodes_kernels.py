@@ -13,12 +13,14 @@ import numpy as np
 
 from fleetmap.model.kernel import kernel
 from fleetmap.model.kernel_types import Bytes, Image, Points, Rows
-from fleetmap.vectorize.boundary_kernels import Boundary
+from fleetmap.vectorize.tiles.boundary_kernels import Boundary
 
 
 class Rules(NamedTuple):
-    """What edges must hold: the true boundary lies (phase_y, phase_x) off its points, and within epsilon, squared, of
-    the edges; new ones are chosen within ``choose2``. In sixteenths of a cell. ``share``: the profile.
+    """What edges must hold, in sixteenths of a cell.
+
+    The true boundary lies (phase_y, phase_x) off its points, and within epsilon (squared here) of the edges; new ones
+    are chosen within ``choose2``. ``share`` is the profile.
     """
 
     phase_y: int
@@ -48,9 +50,7 @@ def may_move(cracks: Image, was: Bytes, y: int, x: int, size: int) -> bool:
 
 
 @kernel
-def place_on_border(
-    cracks: Image, was: Bytes, rules: Rules, y: int, x: int, size: int
-) -> tuple[int, int]:
+def place_on_border(cracks: Image, was: Bytes, rules: Rules, y: int, x: int, size: int) -> tuple[int, int]:
     """Where the node at a point of a border lies.
 
     ``was`` (size + 3,) tells along that border, from -1 on, where nodes were before. An old node is for the one behind
@@ -99,8 +99,16 @@ def is_at_border(y: int, x: int, size: int) -> bool:
 
 
 @kernel
+def is_node(boundary: Boundary, y: int, x: int, size: int) -> bool:
+    """Whether a crack of another tile ends at a point."""
+    bits = boundary.cracks[y + 1, x + 1]
+    others = (bits & 8 if y == 0 else 0) | (bits & 4 if x == 0 else 0)
+    return others != 0 or y == size or x == size
+
+
+@kernel
 def pair_junctions(points: Points, old: Points, rules: Rules) -> Rows:
-    """(k, 4): which points (y, x) get the places of old ones (y, x) that are not theirs. The nearest pairs come first."""
+    """(k, 4): which points (y, x) get the places of old ones (y, x) that aren't theirs; nearest pairs first."""
     reach = int(np.sqrt(float(rules.epsilon2))) // 16 + 1
     pairs = np.empty((16, 5), np.int64)
     count = 0

@@ -6,8 +6,8 @@ import numpy as np
 
 from fleetmap.model.kernel import kernel
 from fleetmap.model.kernel_types import Ints, Points, Rows, Shorts
-from fleetmap.vectorize.boundary_kernels import Boundary, Tile
-from fleetmap.vectorize.keep_kernels import HEAD_X, HEAD_Y, LABEL, TAIL_X, TAIL_Y, THICK, Chain
+from fleetmap.vectorize.tiles.boundary_kernels import Boundary, Tile
+from fleetmap.vectorize.tiles.keep_kernels import HEAD_X, HEAD_Y, LABEL, TAIL_X, TAIL_Y, THICK, Chain
 
 DEEPEST = 48
 """Walls are measured so many cells deep."""
@@ -18,7 +18,16 @@ QUANTILE = 0.4
 KNOWN_CHANGE, KNOWN_RATIO = 4, 0.3
 """A wall keeps the thickness that it is known to have until it is off by a cell (4 quarters) or 30 %."""
 
+LEAST_CRACKS = 8
+"""Edges of fewer cracks are too short to tell how thick the wall is; they have what is around them."""
+
 OBSTACLE, HIDDEN = 1, 5
+
+
+@kernel
+def is_alike(known: int, measured: int) -> bool:
+    """Whether a wall is still as thick as it is known to be."""
+    return abs(known - measured) < max(float(KNOWN_CHANGE), KNOWN_RATIO * known)
 
 
 @kernel
@@ -81,8 +90,8 @@ def quarters(depths: Ints) -> int:
 def settle_thickness(tile: Tile, boundary: Boundary, built: Chain, old: Rows, share: bool) -> Rows:
     """(n, 6) the edges of a chain: tail, head, label, thickness in quarters of a cell.
 
-    Thickness is what an old edge, or the last old one before a new one on the arc, is known to have, if that is near
-    what was measured.
+    Thickness is what an old edge is known to have, if that is near what was measured; else that of the edge before it,
+    at first of the whole arc, if that is; else what was measured.
     """
     edges = np.empty((int(built.stops.sum()) + 1, 6), np.int64)
     count = 0
@@ -97,7 +106,12 @@ def settle_thickness(tile: Tile, boundary: Boundary, built: Chain, old: Rows, sh
             continue
         hidden = boundary.labels[arc] == HIDDEN
         thick = share and (hidden or boundary.labels[arc] == OBSTACLE)
-        known = np.int64(-1)
+        around = np.int64(4)
+        if thick:
+            depths[:] = 0
+            for m in range(start, end if boundary.closed[arc] else end - 1):
+                add_depths(tile, built, m, m + 1 if m + 1 < end else start, hidden, depths)
+            around = quarters(depths)
         tail = first
         while True:
             depths[:] = 0
@@ -118,10 +132,12 @@ def settle_thickness(tile: Tile, boundary: Boundary, built: Chain, old: Rows, sh
             edges[count, LABEL], edges[count, THICK] = boundary.labels[arc], 0
             if thick:
                 own = known_thickness(old, leaving, following_old, edges[count])
-                known = own if own >= 0 else known
-                measured = quarters(depths)
-                near = known >= 0 and abs(known - measured) < max(KNOWN_CHANGE, KNOWN_RATIO * known)
-                edges[count, THICK] = known if near else measured
+                measured = quarters(depths) if depths.sum() >= LEAST_CRACKS else around
+                if own >= 0 and is_alike(own, measured):
+                    around = own
+                elif not is_alike(around, measured):
+                    around = measured
+                edges[count, THICK] = around
             count += 1
             tail = head
             if tail == first:
