@@ -6,6 +6,7 @@ import numpy as np
 
 from fleetmap.model.kernel import kernel
 from fleetmap.model.kernel_types import Bytes, Image, Ints, Points, Rows
+from fleetmap.vectorize.conflict_kernels import go_around
 from fleetmap.vectorize.edge_kernels import EDGE_COLUMNS, list_edges
 from fleetmap.vectorize.network_kernels import build_network, farthest_corner
 from fleetmap.vectorize.simplify_kernels import simplify_arcs
@@ -61,25 +62,6 @@ def count_edges(boundary: Boundary, chain: Chain, is_vertex: Bytes, arc: int) ->
 
 
 @kernel
-def keep_off_borders(boundary: Boundary, chain: Chain, at: Points, is_vertex: Bytes, stops: Bytes, size: int) -> bool:
-    """Make a stop of the deepest corner of each edge that lies on a border of another tile; whether there was any."""
-    arcs = len(boundary.labels)
-    most = int(is_vertex.sum()) + 1
-    tails, heads, arc_of = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.int32)
-    edges = np.empty((most, EDGE_COLUMNS), np.int64)
-    count = list_edges(chain.points, chain.offsets, boundary.closed, arcs, at, is_vertex, tails, heads, arc_of, edges)
-    found = False
-    for k in range(count):
-        if (edges[k, 0] == size and edges[k, 2] == size) or (edges[k, 1] == size and edges[k, 3] == size):
-            start, end = chain.offsets[arc_of[k]], chain.offsets[arc_of[k] + 1]
-            m = farthest_corner(chain.points, start, end, tails[k], heads[k], edges, k)
-            stops[m] = 1
-            chain.at[m] = chain.points[m]
-            found = True
-    return found
-
-
-@kernel
 def fence_in(boundary: Boundary, rules: Rules, size: int) -> tuple[Image, int]:
     """The cracks of all points from ``low`` on each way, the second result; outside of the tile, all four everywhere.
 
@@ -93,6 +75,76 @@ def fence_in(boundary: Boundary, rules: Rules, size: int) -> tuple[Image, int]:
         inner[0, k] = inner[0, k] if inner[0, k] & 15 else np.uint8(15)
         inner[k, 0] = inner[k, 0] if inner[k, 0] & 15 else np.uint8(15)
     return fence, -rim
+
+
+@kernel
+def split(boundary: Boundary, chain: Chain, stops: Bytes, k: int, tail: int, head: int, arc: int, edges: Rows) -> bool:
+    """Make a stop of the corner that is farthest from edge k, or else put its ends onto the boundary.
+
+    Whether anything was left to do.
+    """
+    chain.kept[tail] = 0
+    chain.old[tail] = -1
+    m = farthest_corner(chain.points, chain.offsets[arc], chain.offsets[arc + 1], tail, head, edges, k)
+    if m >= 0:
+        stops[m] = 1
+        chain.at[m] = chain.points[m]
+        return True
+    found = False
+    for m in (tail, head):
+        is_end = not boundary.closed[arc] and (m == chain.offsets[arc] or m == chain.offsets[arc + 1] - 1)
+        if not is_end and not (stops[m] and (chain.at[m] == chain.points[m]).all()):
+            stops[m] = 1
+            chain.at[m] = chain.points[m]
+            found = True
+    return found
+
+
+@kernel
+def mend_borders(boundary: Boundary, chain: Chain, at: Points, is_vertex: Bytes, stops: Bytes, size: int) -> bool:
+    """Split edges that lie on a border of another tile, or around a node in another order than their cracks.
+
+    The cracks of other tiles, which end there, are among them. Whether any edge was split.
+    """
+    arcs = len(boundary.labels)
+    most = int(is_vertex.sum()) + 1
+    tails, heads, arc_of = np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most, np.int32)
+    edges = np.empty((most, EDGE_COLUMNS), np.int64)
+    count = list_edges(chain.points, chain.offsets, boundary.closed, arcs, at, is_vertex, tails, heads, arc_of, edges)
+    found = False
+    for k in range(count):
+        if (edges[k, 0] == size and edges[k, 2] == size) or (edges[k, 1] == size and edges[k, 3] == size):
+            found |= split(boundary, chain, stops, k, tails[k], heads[k], arc_of[k], edges)
+    # Edges at a point of the lower or left border where another tile's cracks end: two at least are needed.
+    owner = np.empty(8, np.int64)
+    crack, away = np.empty(8, np.int64), np.empty((8, 2), np.int64)
+    for e in range(2 * count):
+        y, x = edges[e // 2, 4 + 2 * (e & 1)], edges[e // 2, 5 + 2 * (e & 1)]
+        if (y != 0 and x != 0) or not is_node(boundary, y, x, size) or y == size or x == size:
+            continue
+        n = 0
+        for other in range(2 * count):
+            k, side = other // 2, other & 1
+            if edges[k, 4 + 2 * side] == y and edges[k, 5 + 2 * side] == x and n < 6:
+                owner[n] = k
+                crack[n] = (edges[k, 8] >> 2) + 2 & 3 if side else edges[k, 8] & 3
+                away[n, 0] = edges[k, 2 - 2 * side] - edges[k, 2 * side]
+                away[n, 1] = edges[k, 3 - 2 * side] - edges[k, 2 * side + 1]
+                n += 1
+        own = n
+        bits = boundary.cracks[y + 1, x + 1]
+        for d, is_other in ((3, y == 0), (2, x == 0)):
+            if is_other and bits >> d & 1:
+                owner[n], crack[n] = -1, d
+                away[n, 0], away[n, 1] = -np.int64(d == 3), -np.int64(d == 2)
+                n += 1
+        if own < 2 or go_around(crack[:n], away[:n], owner[:n], n):
+            continue
+        for q in range(n):
+            k = owner[q]
+            if k >= 0:
+                found |= split(boundary, chain, stops, k, tails[k], heads[k], arc_of[k], edges)
+    return found
 
 
 @kernel
@@ -120,7 +172,7 @@ def build(boundary: Boundary, chain: Chain, rules: Rules, size: int) -> Chain:
         )  # fmt: skip
         if splits < 0:
             raise AssertionError("a node beside its point is in the way, where nothing is")
-        if not keep_off_borders(boundary, chain, at, is_vertex, stops, size):
+        if not mend_borders(boundary, chain, at, is_vertex, stops, size):
             break
     return Chain(chain.points, chain.offsets, at, is_vertex, chain.kept.copy(), chain.old)
 
