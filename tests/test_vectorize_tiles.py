@@ -124,6 +124,15 @@ def test_an_update_happens_wholly_or_not_at_all(monkeypatch, step):
     assert mosaic.update(later).digest == twin.update(later).digest
 
 
+def test_the_edges_of_a_hollow_obstacle_say_how_thick_its_walls_are():
+    hollow = np.full((8, 12), UNKNOWN, np.uint8)
+    hollow[1:7, 1:11] = OCCUPIED
+    hollow[2:6, 2:10] = UNKNOWN
+    grid = grid_at(hollow, 0, 0)
+    found = Mosaic("share", 256, specks=0).update(grid)
+    assert (rasterize(found, like=grid).states_yx() == hollow).all()
+
+
 def test_a_wall_is_as_deep_as_each_part_of_it_is():
     solid = np.full((60, 60), OCCUPIED, np.uint8)
     solid[0:10, 20:40] = FREE

@@ -30,6 +30,8 @@ true: of two robots in wings that are alike, each knows its own wing, and both a
 ROOM_M, MOST_RIVAL_OF_A_ROOM, MORE_SEEN = 9.0, 0.3, 1.5
 """What both have is hardly larger than a room. Others may be alike: if the maps show hardly more than that room, or a
 part of another one that fits."""
+PLAIN_LINES = 10
+"""What both have has fewer lines of wall: then others may be alike as well, however large it is."""
 
 MOST_MIRRORED = 0.7
 """Of what the best place explains. Buildings have wings that mirror each other, and what looks the same in a mirror
@@ -94,7 +96,8 @@ def judge(best: Evidence, second: Evidence | None) -> str:
         share = MOST_RIVAL_OF_A_ROOM if room else MOST_RIVAL
         if is_hardly_chance(second) or second.explained_m > share * best.explained_m:
             return "ambiguous"
-    return "ambiguous" if room and best.beside < MORE_SEEN else "committed"
+    plain = room or best.lines < PLAIN_LINES
+    return "ambiguous" if plain and best.beside < MORE_SEEN else "committed"
 
 
 def is_mirrored(best: Evidence, image: Evidence) -> bool:

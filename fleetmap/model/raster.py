@@ -112,7 +112,7 @@ def _states(
         raise MapFormatError(
             path="<map>", field="extent", reason=f"{shape[0]} x {shape[1]} cells; at most {MAX_CELLS} are painted"
         )
-    from fleetmap.model.raster_kernels import add_crossings
+    from fleetmap.model.raster_kernels import SQUARE, add_crossings
 
     # Half steps: cell centres are integers.
     doubled = np.ascontiguousarray(rows[:, : X1 + 1] * 2)
@@ -150,7 +150,8 @@ def _states(
     if hidden.any():
         states[inside(OCCUPIED, hidden) & ~free] = OCCUPIED
     if thick.any():
-        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[thick]
+        # Round ends would reach out of the obstacle, where nothing holds them back.
+        sides = ((left == OCCUPIED) + 2 * (right == OCCUPIED)).astype(np.int64)[thick] | SQUARE
         reach = np.full((len(sides), 2), step, np.int64)
         reach[:, 0] = 2 * np.maximum(rows[thick, THICKNESS], step)
         states[(_paint(doubled[thick], sides, reach, step, low_yx, free) == 1) & ~free] = OCCUPIED

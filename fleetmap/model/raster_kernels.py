@@ -41,6 +41,9 @@ def add_crossings(
                 sums[row, column] += weights[k]
 
 
+SQUARE = 4
+
+
 @kernel("void(i8[:,::1], i8[::1], i8[:,::1], i8[:,::1], i8, i8, i8, u1[:,::1], u1[:,::1])")
 def paint_walls(
     edges: NDArray[np.int64],
@@ -55,9 +58,9 @@ def paint_walls(
 ) -> None:
     """Set ``blocked`` where a cell's centre lies within reach of a wall, on one of its blocking sides.
 
-    ``sides`` holds bits 1 (left blocks) and 2 (right blocks). Column 0 of ``reach`` holds for cells that are
-    not free, column 1 for free ones; ``cross_reach`` = floor(reach * length) bounds the cross product, which
-    is the distance times the length. |coordinate| <= 2^27, so cross products stay below 2^57.
+    ``sides`` holds bits 1 (left blocks), 2 (right blocks) and 4 (nothing blocks beyond the ends). Column 0 of ``reach``
+    holds for cells that are not free, column 1 for free ones; ``cross_reach`` = floor(reach * length) bounds the cross
+    product, which is the distance times the length. |coordinate| <= 2^27, so cross products stay below 2^57.
     """
     height, width = free.shape
     half = cell // 2
@@ -88,7 +91,9 @@ def paint_walls(
                     continue
                 which = 1 if free[row, column] else 0
                 along = dx * (x - x0) + dy * (y - y0)
-                if along < 0:
+                if sides[k] & SQUARE and (along < 0 or along > length2):
+                    near = False
+                elif along < 0:
                     near = (x - x0) * (x - x0) + (y - y0) * (y - y0) <= reach[k, which] * reach[k, which]
                 elif along > length2:
                     near = (x - x1) * (x - x1) + (y - y1) * (y - y1) <= reach[k, which] * reach[k, which]

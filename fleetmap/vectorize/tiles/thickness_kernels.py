@@ -15,6 +15,9 @@ DEEPEST = 48
 QUANTILE = 0.4
 """This share of the cracks of an edge has less wall behind it than its thickness says."""
 
+CLUTTER, QUANTILE_OF_SOLID = 12, 0.05
+"""What is deeper behind free space is clutter more often than wall: unless hardly a crack has less behind it."""
+
 KNOWN_CHANGE, KNOWN_RATIO = 4, 0.3
 """A wall keeps the thickness that it is known to have until it is off by a cell (4 quarters) or 30 %."""
 
@@ -24,10 +27,14 @@ LEAST_CRACKS = 8
 OBSTACLE, HIDDEN = 1, 5
 
 
+OTHER_CHANGE, OTHER_RATIO = 8, 0.5
+"""And an edge the thickness of what is before it on the arc, until it is off by so much: each value costs bytes."""
+
+
 @kernel
-def is_alike(known: int, measured: int) -> bool:
-    """Whether a wall is still as thick as it is known to be."""
-    return abs(known - measured) < max(float(KNOWN_CHANGE), KNOWN_RATIO * known)
+def is_alike(known: int, measured: int, least: int, ratio: float) -> bool:
+    """Whether a wall is as thick as it is taken for."""
+    return abs(known - measured) < max(float(least), ratio * known)
 
 
 @kernel
@@ -75,15 +82,22 @@ def add_depths(tile: Tile, built: Chain, m: int, n: int, left: bool, depths: Int
 
 
 @kernel
-def quarters(depths: Ints) -> int:
-    """The quantile of depths, in quarters of a cell, between whole cells by how far into its class it lies."""
+def quantile(depths: Ints, share: float) -> float:
+    """The depth in cells that a share of the cracks doesn't reach, between whole cells by how far into its class."""
     total, below = depths.sum(), 0
     for depth in range(1, DEEPEST + 1):
-        if below + depths[depth] >= QUANTILE * total:
-            share = (QUANTILE * total - below) / max(depths[depth], 1)
-            return max(int(np.floor(4.0 * (depth + share - QUANTILE) + 0.5)), 4)
+        if below + depths[depth] >= share * total:
+            return depth + (share * total - below) / max(depths[depth], 1) - share
         below += depths[depth]
-    return 4
+    return 1.0
+
+
+@kernel
+def quarters(depths: Ints) -> int:
+    """How thick the wall is, in quarters of a cell."""
+    cells = min(quantile(depths, QUANTILE), float(CLUTTER))
+    cells = max(cells, quantile(depths, QUANTILE_OF_SOLID))
+    return max(int(np.floor(4.0 * cells + 0.5)), 4)
 
 
 @kernel
@@ -133,9 +147,9 @@ def settle_thickness(tile: Tile, boundary: Boundary, built: Chain, old: Rows, sh
             if thick:
                 own = known_thickness(old, leaving, following_old, edges[count])
                 measured = quarters(depths) if depths.sum() >= LEAST_CRACKS else around
-                if own >= 0 and is_alike(own, measured):
+                if own >= 0 and is_alike(own, measured, KNOWN_CHANGE, KNOWN_RATIO):
                     around = own
-                elif not is_alike(around, measured):
+                elif not is_alike(around, measured, OTHER_CHANGE, OTHER_RATIO):
                     around = measured
                 edges[count, THICK] = around
             count += 1

@@ -22,6 +22,9 @@ HALO = 52
 PATIENCE = 4
 """So often it is tried to find edges that are all found again when they are looked for."""
 
+ATTEMPTS = 3
+"""So often edges of a wasteful arc are given up: next to what is new, and at last all of them."""
+
 HISTORY = 1.15
 """An arc whose edges, with those that are kept, are more than so many times the fewest, and one, is done anew."""
 
@@ -218,16 +221,42 @@ def forget_arc(boundary: Boundary, chain: Chain, arc: int) -> None:
 
 
 @kernel
+def forget_beside_gaps(boundary: Boundary, chain: Chain, arc: int) -> None:
+    """Give up what was kept of an arc next to what wasn't: there, other edges may take fewer."""
+    start, end = np.int64(chain.offsets[arc]), np.int64(chain.offsets[arc + 1])
+    stops = start + np.flatnonzero(chain.stops[start:end])
+    n = len(stops)
+    closed = boundary.closed[arc]
+    kept = chain.kept[stops]
+    for q in range(n):
+        before = kept[q - 1] if q > 0 or closed else np.uint8(1)
+        behind = kept[(q + 1) % n] if q + 1 < (n if closed else n - 1) or closed else np.uint8(1)
+        if kept[q] and not (before and behind):
+            chain.kept[stops[q]] = 0
+            chain.old[stops[q]] = -1
+    for q in range(n):
+        m = stops[q]
+        is_end = not closed and (m in (start, end - 1))
+        if not is_end and not chain.kept[m] and not chain.kept[stops[q - 1]]:
+            chain.stops[m] = 0
+            chain.at[m] = chain.points[m]
+
+
+@kernel
 def choose(boundary: Boundary, chain: Chain, rules: Rules, size: int) -> Chain:
-    """Choose the vertices; arcs that take far more edges with those that are kept than without are done anew."""
+    """Choose the vertices; arcs that take far more edges with those that are kept than without give some up, or all."""
     built = build(boundary, chain, rules, size)
-    wasteful = find_wasteful(boundary, chain, built, rules, size)
-    if not wasteful.any():
-        return built
-    for arc in range(len(wasteful)):
-        if wasteful[arc]:
-            forget_arc(boundary, chain, arc)
-    return build(boundary, chain, rules, size)
+    for attempt in range(ATTEMPTS):
+        wasteful = find_wasteful(boundary, chain, built, rules, size)
+        if not wasteful.any():
+            break
+        for arc in np.flatnonzero(wasteful):
+            if attempt + 1 < ATTEMPTS:
+                forget_beside_gaps(boundary, chain, arc)
+            else:
+                forget_arc(boundary, chain, arc)
+        built = build(boundary, chain, rules, size)
+    return built
 
 
 @kernel
