@@ -6,6 +6,7 @@ one that compiles can't. The processes fill the cache (``kernel_cache``), and wh
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import json
 import logging
@@ -354,9 +355,16 @@ def _size(module: str) -> int:
     return kernel_cache.source_of(module).stat().st_size
 
 
+PR_SET_PDEATHSIG = 1
+"""Of Linux's prctl: which signal a process gets when the thread that started it ends."""
+
+
 def work() -> None:
     """Be a worker: import each module that stdin names, and end with stdin, whatever is under way."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(OSError, AttributeError):  # other systems than Linux: then the thread below does it, a bit later
+        # A call of LLVM's may take ten seconds, in which no thread of Python's comes to its turn.
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     _State.is_worker = True
     orders: queue.SimpleQueue[str] = queue.SimpleQueue()
 
